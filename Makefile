@@ -1,0 +1,65 @@
+# Needs python3 (3.11 or newer) and make; `make test` needs Node.js with npm too. Everything lands in .venv and .cache.
+# ARGS is passed on: make run ARGS="--port 9000"; make test ARGS="tests/unit -k grid"; make lock ARGS=--upgrade
+
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input -qq install
+# Wheels only: building from source would bring in build tools that no lock has pinned.
+PIP_LOCKED := $(PIP) --require-hashes --only-binary :all:
+UV_COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 \
+	--generate-hashes --no-emit-index-url --no-header --quiet
+
+RUNTIME := .venv/.runtime-installed
+DEV := .venv/.dev-installed
+NODE := tests/node_modules/.installed
+
+.PHONY: run test bench torture lint format lock clean
+
+run: $(RUNTIME)
+	$(BIN)/chunkserver serve $(ARGS)
+
+test: lint $(NODE)
+	$(BIN)/pytest $(ARGS)
+
+torture: $(DEV) $(NODE)
+	CHUNKSERVER_TORTURE=1 $(BIN)/pytest $(ARGS)
+
+bench: $(DEV)
+	$(BIN)/python -m benchmarks $(ARGS)
+
+lint: $(DEV)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+format: $(DEV)
+	$(BIN)/ruff check --fix-only
+	$(BIN)/ruff format
+
+# The other two follow the dev lock, so that what runs is what was tested.
+lock: $(DEV)
+	$(UV_COMPILE) pyproject.toml --group dev --output-file requirements-dev.lock $(ARGS)
+	$(UV_COMPILE) pyproject.toml --constraint requirements-dev.lock --output-file requirements.lock
+	$(UV_COMPILE) --group build --constraint requirements-dev.lock --output-file requirements-build.lock
+
+clean:
+	rm -rf .venv .cache tests/node_modules build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(RUNTIME): pyproject.toml requirements.lock requirements-build.lock
+	@$(PYTHON) -c 'import sys; sys.exit("chunkserver needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv .venv
+	$(PIP_LOCKED) -r requirements.lock -r requirements-build.lock
+	$(PIP) --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(DEV): $(RUNTIME) requirements-dev.lock
+	$(PIP_LOCKED) -r requirements-dev.lock
+	touch $@
+
+$(NODE): tests/package.json tests/package-lock.json
+	@command -v npm >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+		&& apt-get -qq update && apt-get -qq install --yes nodejs npm; } \
+		|| { echo "make test needs Node.js with npm: please install it first" >&2; exit 1; }
+	cd tests && npm ci --no-audit --no-fund --loglevel=error
+	touch $@
