@@ -1,0 +1,68 @@
+"""Everything that can go wrong, drawn once. Knows no HTTP: `server.problems` maps each class to a status.
+
+    ChunkError
+    ├── BadRequest            the caller's input; the same input fails again
+    │   ├── BadKey            a chunk key outside the world
+    │   ├── BadRecipe         a recipe that does not exist, parse, or stay inside its limits
+    │   └── BadParameter      any other value: a mask, a format, a size that is not built
+    ├── WireError             bytes or a mesh that the wire format cannot hold
+    └── Unavailable           nothing is wrong with the request; it may be sent again
+        ├── WorkerLost        the request ended more than one worker process
+        ├── Overloaded        the queue in front of the workers is full
+        └── DeadlinePassed    the answer was not ready in time
+
+Every error carries the values it speaks of in `values`, so that a machine can read what the message says.
+"""
+
+
+class ChunkError(Exception):
+    """Root of the tree. `values` maps names to the offending values."""
+
+    def __init__(self, message: str, **values: object) -> None:
+        super().__init__(message)
+        self.message = message
+        self.values = values
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Errors cross the pipe between a worker and the server: keep the values when pickled."""
+        return _rebuild, (type(self), self.message, self.values)
+
+
+def _rebuild(kind: type[ChunkError], message: str, values: dict[str, object]) -> ChunkError:
+    return kind(message, **values)
+
+
+class BadRequest(ChunkError):
+    """The caller's input is wrong; the same input fails again."""
+
+
+class BadKey(BadRequest):
+    """A chunk key outside the world."""
+
+
+class BadRecipe(BadRequest):
+    """A recipe that does not exist, does not parse or passes a limit."""
+
+
+class BadParameter(BadRequest):
+    """A parameter that is malformed or names something that is not built."""
+
+
+class WireError(ChunkError):
+    """Bytes, or a mesh, that the wire format cannot hold."""
+
+
+class Unavailable(ChunkError):
+    """Nothing is wrong with the request; it may be sent again later."""
+
+
+class WorkerLost(Unavailable):
+    """The request was being built when a worker process ended, twice."""
+
+
+class Overloaded(Unavailable):
+    """The queue in front of the workers is full."""
+
+
+class DeadlinePassed(Unavailable):
+    """The answer was not ready in time."""

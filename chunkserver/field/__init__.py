@@ -1,0 +1,5 @@
+"""What is solid: a recipe is flattened to a tape, and one compiled interpreter samples it on the lattice."""
+
+from chunkserver.field.sampling import sample
+
+__all__ = ["sample"]

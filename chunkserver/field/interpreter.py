@@ -1,0 +1,152 @@
+"""The one compiled interpreter that runs every tape: a dispatch per instruction, a loop over a plane of points inside.
+
+A plane has n * n points, z slow and x fast, flat: one long loop that vectorises without tails. Coordinate registers are
+float64; value registers are float32. Registers of different instructions never overlap.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.field.noise import gradient2, simplex3
+from chunkserver.kernel import kernel
+
+CONSTANT: Final = 0
+X: Final = 1
+Y: Final = 2
+Z: Final = 3
+ADD: Final = 4
+SUBTRACT: Final = 5
+MULTIPLY: Final = 6
+MIN: Final = 7
+MAX: Final = 8
+SPHERE: Final = 9
+GRADIENT2: Final = 10
+SIMPLEX3: Final = 11
+
+READS_Y: Final = frozenset({Y, SPHERE, SIMPLEX3})
+"""Instructions whose value differs from one horizontal plane to the next, whatever their operands."""
+
+NUMBERS: Final = 5
+"""Constants an instruction may have."""
+
+DENSITY_MAX: Final = np.float32(65536)
+"""The field is clamped to +-DENSITY_MAX voxels: edits add to it without overflow. NaN cannot pass: it becomes air."""
+
+_Floats = NDArray[np.float32]
+_Doubles = NDArray[np.float64]
+
+
+@kernel
+def run(
+    code: NDArray[np.int32],
+    numbers: _Doubles,
+    keys: NDArray[np.uint64],
+    columns: int,
+    result: int,
+    low: _Doubles,
+    step: float,
+    points: _Doubles,
+    registers: _Floats,
+    density: _Floats,
+) -> None:
+    """Evaluate a tape over a cube of points.
+
+    low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points.
+    points: (3, n * n) scratch for coordinates. registers: (registers, n * n) scratch.
+    density: (n, n * n) out, a horizontal plane each, y upwards.
+    """
+    planes = density.shape[0]
+    for z in range(planes):
+        for x in range(planes):
+            points[0, z * planes + x] = low[0] + step * x
+            points[2, z * planes + x] = low[2] + step * z
+    for at in range(columns):
+        _execute(code[at], numbers[at], keys[at], points, registers)
+    for plane in range(planes):
+        points[1, :] = low[1] + step * plane
+        for at in range(columns, code.shape[0]):
+            _execute(code[at], numbers[at], keys[at], points, registers)
+        _clamp(registers[result], density[plane])
+
+
+@kernel
+def _execute(row: NDArray[np.int32], numbers: _Doubles, key: np.uint64, points: _Doubles, registers: _Floats) -> None:
+    op, out = row[0], registers[row[1]]
+    if op == CONSTANT:
+        out[:] = np.float32(numbers[0])
+    elif op <= Z:
+        _coordinate(points[op - X], out)
+    elif op <= MAX:
+        _combine(op, registers[row[2]], registers[row[3]], out)
+    elif op == SPHERE:
+        _sphere(points[0], points[1], points[2], numbers, out)
+    elif op == GRADIENT2:
+        _add_gradient2(points[0], points[2], numbers, key, registers[row[2]], out)
+    elif op == SIMPLEX3:
+        _add_simplex3(points[0], points[1], points[2], numbers, key, registers[row[2]], out)
+
+
+@kernel
+def _coordinate(axis: _Doubles, out: _Floats) -> None:
+    for i in range(out.size):
+        out[i] = np.float32(axis[i])
+
+
+@kernel
+def _combine(op: int, a: _Floats, b: _Floats, out: _Floats) -> None:
+    if op == ADD:
+        for i in range(out.size):
+            out[i] = a[i] + b[i]
+    elif op == SUBTRACT:
+        for i in range(out.size):
+            out[i] = a[i] - b[i]
+    elif op == MULTIPLY:
+        for i in range(out.size):
+            out[i] = a[i] * b[i]
+    elif op == MIN:
+        for i in range(out.size):
+            out[i] = a[i] if a[i] < b[i] else b[i]
+    else:
+        for i in range(out.size):
+            out[i] = a[i] if a[i] > b[i] else b[i]
+
+
+@kernel
+def _sphere(x: _Doubles, y: _Doubles, z: _Doubles, numbers: _Doubles, out: _Floats) -> None:
+    center_x, center_y, center_z, radius = numbers[0], numbers[1], numbers[2], numbers[3]
+    for i in range(out.size):
+        dx, dy, dz = x[i] - center_x, y[i] - center_y, z[i] - center_z
+        out[i] = np.float32(np.sqrt(dx * dx + dy * dy + dz * dz) - radius)
+
+
+@kernel
+def _add_gradient2(
+    x: _Doubles, z: _Doubles, numbers: _Doubles, key: np.uint64, below: _Floats, out: _Floats
+) -> None:
+    amplitude, frequency = np.float32(numbers[0]), numbers[1]
+    offset_x, offset_z = numbers[2], numbers[4]
+    for i in range(out.size):
+        noise = gradient2(x[i] * frequency + offset_x, z[i] * frequency + offset_z, key)
+        out[i] = below[i] + amplitude * noise
+
+
+@kernel
+def _add_simplex3(
+    x: _Doubles, y: _Doubles, z: _Doubles, numbers: _Doubles, key: np.uint64, below: _Floats, out: _Floats
+) -> None:
+    amplitude, frequency = np.float32(numbers[0]), numbers[1]
+    offset_x, offset_y, offset_z = numbers[2], numbers[3], numbers[4]
+    for i in range(out.size):
+        noise = simplex3(
+            x[i] * frequency + offset_x, y[i] * frequency + offset_y, z[i] * frequency + offset_z, key
+        )
+        out[i] = below[i] + amplitude * noise
+
+
+@kernel
+def _clamp(values: _Floats, out: _Floats) -> None:
+    for i in range(out.size):
+        value = values[i] if values[i] > -DENSITY_MAX else -DENSITY_MAX
+        out[i] = value if values[i] < DENSITY_MAX else DENSITY_MAX

@@ -1,0 +1,96 @@
+"""The nodes that a recipe is made of, as a user writes them in JSON: one model per node, one union of them all.
+
+A recipe is an expression tree. Each node is an object with an `op`; a bare number stands for a constant node. Every node
+is a density (or a height, or a weight) per point: a scalar that is negative in rock and positive in air. Lengths are in
+voxels, frequencies in lattice cells of the noise per voxel. Nothing in a recipe is ever run as code.
+"""
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+MAGNITUDE_MAX: Final = float(1 << 40)
+"""Largest magnitude of any number in a recipe: the extent of the world."""
+FREQUENCY_MIN: Final = 2.0**-40
+FREQUENCY_MAX: Final = 1.0
+"""At most one noise cell a voxel: beyond it neighbouring samples have nothing to do with each other."""
+OCTAVES_MAX: Final = 16
+
+Number = Annotated[float, Field(ge=-MAGNITUDE_MAX, le=MAGNITUDE_MAX, allow_inf_nan=False)]
+Length = Annotated[float, Field(gt=0, le=MAGNITUDE_MAX, allow_inf_nan=False)]
+Frequency = Annotated[float, Field(ge=FREQUENCY_MIN, le=FREQUENCY_MAX, allow_inf_nan=False)]
+Salt = Annotated[int, Field(ge=0, lt=1 << 32)]
+Point = tuple[Number, Number, Number]
+
+
+class Node(BaseModel):
+    """What all nodes share: frozen, hashable, and no field that is not known."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
+
+
+class Constant(Node):
+    """The same value everywhere."""
+
+    op: Literal["constant"] = "constant"
+    value: Number
+
+
+class Axis(Node):
+    """One coordinate of the point, in voxels."""
+
+    op: Literal["x", "y", "z"]
+
+
+class Binary(Node):
+    """Two densities, point by point. `max` cuts (air wins), `min` joins (rock wins)."""
+
+    op: Literal["add", "subtract", "multiply", "min", "max"]
+    a: "Expression"
+    b: "Expression"
+
+
+class Sphere(Node):
+    """Distance to a sphere in voxels, negative inside."""
+
+    op: Literal["sphere"] = "sphere"
+    center: Point = (0.0, 0.0, 0.0)
+    radius: Length
+
+
+class Simplex3(Node):
+    """Simplex noise in three dimensions, in [-1, 1], mean 0. `salt` tells noises of one world apart."""
+
+    op: Literal["simplex3"] = "simplex3"
+    frequency: Frequency
+    salt: Salt = 0
+
+
+class Fbm(Node):
+    """Octaves of noise, summed and divided by the sum of their amplitudes: in [-1, 1], mean 0.
+
+    Octave k has frequency `frequency * lacunarity**k` and amplitude `gain**k`. `fbm2` sums gradient noise over (x, z),
+    `fbm3` sums simplex noise over (x, y, z).
+    """
+
+    op: Literal["fbm2", "fbm3"]
+    frequency: Frequency
+    octaves: Annotated[int, Field(ge=1, le=OCTAVES_MAX)]
+    lacunarity: Annotated[float, Field(ge=1.0, le=8.0, allow_inf_nan=False)] = 2.0
+    gain: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.5
+    salt: Salt = 0
+
+
+def _number_is_constant(value: Any) -> Any:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return {"op": "constant", "value": value}
+    return value
+
+
+Expression = Annotated[
+    Annotated[Constant | Axis | Binary | Sphere | Simplex3 | Fbm, Field(discriminator="op")],
+    BeforeValidator(_number_is_constant),
+]
+"""Any node, or a number."""
+
+Binary.model_rebuild()
