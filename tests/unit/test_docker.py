@@ -1,0 +1,89 @@
+"""The image and its compose file, as far as they can be checked without a container engine."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+from typer.main import get_command
+
+from chunkserver.__main__ import app
+
+DOCKER = Path(__file__).parents[2] / "docker"
+DOCKERFILE = DOCKER / "Dockerfile"
+PORT = 8000
+
+
+def instructions() -> list[tuple[str, str]]:
+    """Return the Dockerfile's instructions in order, each with its arguments on one line."""
+    lines = (line for line in DOCKERFILE.read_text().splitlines() if not line.startswith("#"))
+    text = re.sub(r"\\\n\s*", "", "\n".join(lines))
+    return [(name, arguments) for name, _, arguments in (line.partition(" ") for line in text.splitlines() if line)]
+
+
+def last(name: str) -> str:
+    return [arguments for instruction, arguments in instructions() if instruction == name][-1]
+
+
+def service():
+    return yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]["chunkserver"]
+
+
+def test_hadolint_has_nothing_to_say():
+    hadolint = Path(sys.executable).with_name("hadolint")
+    subprocess.run([hadolint, DOCKERFILE], check=True)
+
+
+def test_runs_without_root_rights():
+    assert last("USER").isdigit(), "a number can be checked by the orchestrator, a name cannot"
+    assert int(last("USER")) > 0
+
+
+def test_installs_nothing_from_the_registry_but_what_the_locks_pin():
+    installs = [
+        command
+        for _, line in instructions()
+        for command in line.split("&&")
+        if " install " in command and "pip" in command
+    ]
+    assert len(installs) == 3
+    for command in installs:
+        assert "--require-hashes" in command or "--no-deps /wheel/" in command, command
+
+
+def test_the_command_line_knows_what_the_image_says():
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    name, *arguments = json.loads(last("CMD"))
+    options = {flag for parameter in commands[name].params for flag in parameter.opts}
+    assert {argument for argument in arguments if argument.startswith("--")} <= options
+    assert "warm" in commands
+
+
+def test_one_port_everywhere():
+    assert last("EXPOSE") == str(PORT)
+    assert json.loads(last("CMD"))[-1] == str(PORT)
+    assert f":{PORT}/readyz" in last("HEALTHCHECK")
+    assert service()["ports"] == [f"127.0.0.1:{PORT}:{PORT}"]
+
+
+def test_compose_gives_no_privileges():
+    settings = service()
+    assert settings["read_only"] is True
+    assert settings["cap_drop"] == ["ALL"]
+    assert settings["security_opt"] == ["no-new-privileges:true"]
+    assert settings["mem_limit"]
+    assert settings["pids_limit"]
+    assert not {"privileged", "cap_add", "network_mode", "pid", "user", "devices"} & settings.keys()
+
+
+def test_compose_leaves_writable_only_what_must_be():
+    writable = [*service()["tmpfs"], *(volume.split(":")[1] for volume in service()["volumes"])]
+    assert writable == ["/tmp", "/var/cache/chunkserver"]
+    assert "CHUNKSERVER_CACHE_DIR=/var/cache/chunkserver" in last("ENV")
+
+
+def test_compose_builds_this_dockerfile():
+    build = service()["build"]
+    assert (DOCKER / build["context"] / build["dockerfile"]).samefile(DOCKERFILE)
