@@ -1,0 +1,74 @@
+"""What every format is told beside the mesh: how to write it, and where the chunk is."""
+
+from typing import Final, NamedTuple
+
+from chunkserver.errors import BadParameter
+from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape, check_key, check_shape
+from chunkserver.mesh import NormalKind
+
+VOXEL_SIZE_MIN: Final = 2.0**-20
+"""Metres. Between the two limits every float32 and float64 that a format holds is a normal number."""
+VOXEL_SIZE_MAX: Final = 2.0**20
+REVISION_MAX: Final = (1 << 63) - 1
+"""Fits the native header's u64, and the signed 64 bits that most clients and stores have."""
+COARSER_MAX: Final = 63
+
+
+class Encoding(NamedTuple):
+    """How a mesh is written. A field that does not apply to the format holds its default.
+
+    format: a row of `FORMATS`.
+    profile: "std" (lattice positions, normals as bytes), or "f32" (float32 metres and normals, 32-bit indices).
+    frame: where a GLB's node puts the chunk: "world", or "chunk" (the origin is the chunk's low corner).
+    """
+
+    format: str = "mesh"
+    profile: str = "std"
+    frame: str = "world"
+
+    @property
+    def normals(self) -> NormalKind:
+        """The kind of normals that a mesh must have to be written so."""
+        return "float32" if self.profile == "f32" else "int8"
+
+
+ENCODING_DEFAULT: Final = Encoding()
+
+
+class Placement(NamedTuple):
+    """Where a chunk is, and which state of it.
+
+    voxel_size: metres.
+    revision: the chunk's own last edit, 0 for a pristine chunk.
+    coarser: mask of the faces whose neighbour is one LOD coarser.
+    """
+
+    key: ChunkKey
+    cells: int
+    voxel_size: float
+    revision: int = 0
+    coarser: int = 0
+
+    @property
+    def unit(self) -> float:
+        """Metres per lattice unit. Exact: `voxel_size` times a power of two."""
+        return self.voxel_size * (self.cells * self.key.step / (POSITION_HIGH - POSITION_LOW))
+
+    @property
+    def margin(self) -> int:
+        """Voxels from the point that position (0, 0, 0) names to the chunk's low corner, on each axis."""
+        return self.cells * self.key.step // 2
+
+
+def check_placement(placement: Placement) -> None:
+    """Raise `BadKey` or `BadParameter` that names the value, unless every format can hold `placement`."""
+    key, cells, voxel_size, revision, coarser = placement
+    check_shape(ChunkShape(cells))
+    check_key(key, cells)
+    if not VOXEL_SIZE_MIN <= voxel_size <= VOXEL_SIZE_MAX:
+        limits = f"[{VOXEL_SIZE_MIN}, {VOXEL_SIZE_MAX}]"
+        raise BadParameter(f"voxel_size is {voxel_size}; it lies in {limits} metres", voxel_size=voxel_size)
+    if not 0 <= revision <= REVISION_MAX:
+        raise BadParameter(f"revision is {revision}; it lies in [0, {REVISION_MAX}]", revision=revision)
+    if not 0 <= coarser <= COARSER_MAX:
+        raise BadParameter(f"coarser is {coarser}; it lies in [0, {COARSER_MAX}]", coarser=coarser)

@@ -1,0 +1,60 @@
+"""The table of formats. A new format is one file and one row here."""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from chunkserver.errors import BadParameter
+from chunkserver.mesh import Mesh
+from chunkserver.wire import gltf, native
+from chunkserver.wire.buffers import check_mesh
+from chunkserver.wire.encoding import ENCODING_DEFAULT, Encoding, Placement, check_placement
+
+
+class Format(NamedTuple):
+    """One way to write a mesh.
+
+    extension: what a URL or a file name ends in, with its dot.
+    profiles, frames: the values of `Encoding` that are built; only the default where the field does not apply.
+    encode: bytes of a mesh, a placement and an encoding that were checked.
+    """
+
+    name: str
+    extension: str
+    media_type: str
+    profiles: tuple[str, ...]
+    frames: tuple[str, ...]
+    encode: Callable[[Mesh, Placement, Encoding], bytes]
+
+
+_ROWS: Final = (
+    Format("mesh", ".mesh", "application/vnd.chunkserver.mesh", tuple(native.PROFILE_CODES), ("world",), native.encode),
+    Format("glb", ".glb", "model/gltf-binary", ("std",), ("world", "chunk"), gltf.encode),
+)
+FORMATS: Final = {row.name: row for row in _ROWS}
+
+assert all(ENCODING_DEFAULT.profile in row.profiles and ENCODING_DEFAULT.frame in row.frames for row in _ROWS)
+
+
+def check_encoding(encoding: Encoding) -> None:
+    """Raise `BadParameter` that names the field and what is built, unless `encode` can write `encoding`."""
+    if encoding.format not in FORMATS:
+        raise BadParameter(f"format is {encoding.format!r}; built are {list(FORMATS)}", format=encoding.format)
+    row = FORMATS[encoding.format]
+    for field, value, built in (("profile", encoding.profile, row.profiles), ("frame", encoding.frame, row.frames)):
+        if value not in built:
+            message = f"{field} is {value!r}; built for format {row.name!r} are {list(built)}"
+            raise BadParameter(message, **{field: value, "format": row.name})
+
+
+def encode(mesh: Mesh, placement: Placement, encoding: Encoding = ENCODING_DEFAULT) -> bytes:
+    """Return the bytes of `mesh` in the format, profile and frame of `encoding`. The same input gives the same bytes.
+
+    An empty mesh is no error: it gives a valid file without geometry.
+
+    Raises `WireError` for a mesh that the format cannot hold (wrong dtypes for the profile, an index without its
+    vertex, too many vertices), and what `check_encoding` and `check_placement` raise.
+    """
+    check_encoding(encoding)
+    check_placement(placement)
+    check_mesh(mesh, encoding.normals)
+    return FORMATS[encoding.format].encode(mesh, placement, encoding)

@@ -1,0 +1,108 @@
+"""The native format, version 1. The specification is docs/wire/native-v1.md; this file is one writer of it.
+
+header, 96 bytes | block table, 16 bytes a block | positions | normals | indices
+                                                 ^ each block starts, and the file ends, on 16 bytes
+"""
+
+import struct
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.grid import POSITION_LOW
+from chunkserver.mesh import Content, Mesh
+from chunkserver.wire.buffers import bounds, narrow_indices
+from chunkserver.wire.encoding import Encoding, Placement
+
+MAGIC: Final = b"CHNK"
+VERSION: Final = 1
+ALIGNMENT: Final = 16
+PROFILE_CODES: Final = {"std": 0, "f32": 1}
+CONTENT_CODES: Final[dict[Content, int]] = {"air": 0, "rock": 1, "surface": 2}
+GEOMETRIC_ERROR_NOT_STATED: Final = -1.0
+
+POSITIONS, NORMALS, INDICES = 1, 2, 3
+BYTE, UNSIGNED_SHORT, UNSIGNED_INT, FLOAT = 5120, 5123, 5125, 5126
+"""Component types have the numbers that OpenGL, WebGL and glTF gave them."""
+
+HEADER: Final = struct.Struct("<4sHH 3qQd IIf H6B I 6H 12x")
+BLOCK: Final = struct.Struct("<4H2I")
+
+assert HEADER.size == 96
+assert HEADER.size % ALIGNMENT == 0, "the table starts aligned"
+assert BLOCK.size == ALIGNMENT, "the first block starts aligned, however many there are"
+
+
+class Block(NamedTuple):
+    """One planar array of the file. `values` is (count, components), C order, little-endian."""
+
+    kind: int
+    component_type: int
+    values: NDArray[Any]
+
+    def entry(self, offset: int) -> bytes:
+        """Return this block's row of the block table."""
+        components, stride = self.values.shape[1], self.values.strides[0]
+        return BLOCK.pack(self.kind, self.component_type, components, stride, offset, self.values.nbytes)
+
+
+def encode(mesh: Mesh, placement: Placement, encoding: Encoding) -> bytes:
+    """Return `mesh` in the native format. An empty mesh gives a header without blocks."""
+    blocks = [] if mesh.is_empty else _BLOCKS[encoding.profile](mesh, placement)
+    offset = HEADER.size + BLOCK.size * len(blocks)
+    entries: list[bytes] = []
+    body: list[Any] = []
+    for block in blocks:
+        padding = -block.values.nbytes % ALIGNMENT
+        entries.append(block.entry(offset))
+        body += [block.values.data, bytes(padding)]
+        offset += block.values.nbytes + padding
+    return b"".join([_header(mesh, placement, encoding, blocks, offset), *entries, *body])
+
+
+def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[Block], file_bytes: int) -> bytes:
+    low, high = ([0, 0, 0], [0, 0, 0]) if mesh.is_empty else bounds(mesh)
+    return HEADER.pack(
+        MAGIC,
+        VERSION,
+        HEADER.size,
+        *placement.key[1:],
+        placement.revision,
+        placement.voxel_size,
+        len(mesh.positions),
+        3 * len(mesh.triangles),
+        GEOMETRIC_ERROR_NOT_STATED,
+        placement.cells,
+        placement.key.lod,
+        PROFILE_CODES[encoding.profile],
+        placement.coarser,
+        CONTENT_CODES[mesh.content],
+        blocks[-1].values.itemsize if blocks else 0,
+        len(blocks),
+        file_bytes,
+        *low,
+        *high,
+    )
+
+
+def _blocks_std(mesh: Mesh, _placement: Placement) -> list[Block]:
+    indices = narrow_indices(mesh).reshape(-1, 1)
+    return [
+        Block(POSITIONS, UNSIGNED_SHORT, mesh.positions.astype("<u2", copy=False)),
+        Block(NORMALS, BYTE, mesh.normals),
+        Block(INDICES, UNSIGNED_SHORT if indices.itemsize == 2 else UNSIGNED_INT, indices),
+    ]
+
+
+def _blocks_f32(mesh: Mesh, placement: Placement) -> list[Block]:
+    """One rounding to float32, of a float64 product that is itself exact when `voxel_size` is a power of two."""
+    metres = np.subtract(mesh.positions[:, :3], POSITION_LOW, dtype=np.float64) * placement.unit
+    return [
+        Block(POSITIONS, FLOAT, metres.astype("<f4", order="C")),
+        Block(NORMALS, FLOAT, mesh.normals.astype("<f4", copy=False)),
+        Block(INDICES, UNSIGNED_INT, mesh.triangles.astype("<u4", copy=False).reshape(-1, 1)),
+    ]
+
+
+_BLOCKS: Final = {"std": _blocks_std, "f32": _blocks_f32}
