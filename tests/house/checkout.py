@@ -5,6 +5,7 @@ A check is a pure function over the path and the text of a file. It returns find
 """
 
 import ast
+import asyncio
 import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -13,6 +14,9 @@ ROOT = Path(__file__).parents[2]
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+DICTATED = frozenset(name for name in dir(asyncio.Protocol) if not name.startswith("_"))
+"""Names of methods that a protocol of asyncio dictates and explains: `data_received`, `connection_lost`, ..."""
 
 
 def texts(*patterns: str) -> dict[str, str]:

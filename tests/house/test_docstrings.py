@@ -3,14 +3,15 @@
 import ast
 from collections.abc import Iterator
 
-from tests.house.checkout import FUNCTION, holds
+from tests.house.checkout import DICTATED, FUNCTION, holds
 
 
 def public(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]:
     """Yield the public functions and classes in a body, and those in the bodies of these classes."""
     for node in body:
         if isinstance(node, (*FUNCTION, ast.ClassDef)) and not node.name.startswith("_"):
-            yield node
+            if node.name not in DICTATED:
+                yield node
             if isinstance(node, ast.ClassDef):
                 yield from public(node.body)
 
@@ -33,4 +34,6 @@ def test_finds_what_is_silent():
         "a.py:1: the module has no docstring",
         "a.py:3: f has no docstring",
     ]
+    assert not list(silent("a.py", "'''A.'''\nclass _A:\n    def f(self): ..."))
+    assert not list(silent("a.py", "'''A.'''\nclass A:\n    '''A.'''\n    def connection_lost(self, error): ..."))
     assert not list(silent("a.py", "'''A.'''\ndef f():\n    '''F.'''\n    def g(): ..."))

@@ -5,11 +5,9 @@ import re
 from collections.abc import Iterator
 from pathlib import PurePath
 
-from tests.house.checkout import FUNCTION, holds
+from tests.house.checkout import DICTATED, FUNCTION, holds
 
 BANNED = {"util", "utils", "helper", "helpers", "common", "misc", "base", "core", "manager", "handler", "data", "info"}
-DICTATED = {"data_received"}
-"""Names that somebody else's protocol gives to methods of ours."""
 
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
