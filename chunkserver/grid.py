@@ -31,7 +31,7 @@ POSITION_HIGH: Final = 49152
 """Position, in lattice units, of a chunk's high face."""
 
 assert POSITION_HIGH - POSITION_LOW == 32768, "a chunk is 2**15 units wide: every unit is a power of two of a cell"
-assert all(32768 % cells == 0 and POSITION_LOW == 32768 // cells * cells // 2 for cells in CELLS_BUILT)
+assert all(32768 % cells == 0 and 32768 // cells * cells // 2 == POSITION_LOW for cells in CELLS_BUILT)
 assert LATTICE_MAX + (1 << LOD_MAX) * (max(CELLS_BUILT) + 1) < 1 << 53, "samples of an apron stay exact in float64"
 
 
@@ -85,11 +85,13 @@ class ChunkKey(NamedTuple):
 
 
 def check_key(key: ChunkKey, cells: int, lods: int = LOD_MAX + 1) -> None:
-    """Raise `BadKey` unless the chunk lies inside the world: its LOD is one of `lods`, its corners within LATTICE_MAX."""
+    """Raise `BadKey` unless the chunk lies in the world: its LOD is one of `lods`, its corners within LATTICE_MAX."""
     if not 0 <= key.lod < lods:
         raise BadKey(f"lod is {key.lod}; this world has 0 to {lods - 1}", lod=key.lod)
     side = cells << key.lod
     limit = LATTICE_MAX // side
     for axis, coordinate in zip("xyz", (key.x, key.y, key.z), strict=True):
         if not -limit <= coordinate < limit:
-            raise BadKey(f"{axis} is {coordinate}; at lod {key.lod} it lies in [{-limit}, {limit})", **{axis: coordinate})
+            raise BadKey(
+                f"{axis} is {coordinate}; at lod {key.lod} it lies in [{-limit}, {limit})", **{axis: coordinate}
+            )

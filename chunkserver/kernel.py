@@ -4,11 +4,11 @@ Policy, argued once:
 
 - `fastmath=False`. Two chunks recompute the same sample and must agree to the bit, on any machine. Reordering or
   contraction changes bits from one CPU to the next; strict IEEE costs 2 to 10 %.
-- `error_model="numpy"`. A division by zero gives inf instead of a Python exception: kernels never raise, and loops with a
-  division vectorise.
+- `error_model="numpy"`. A division by zero gives inf instead of a Python exception: kernels never raise, and loops
+  with a division vectorise.
 - `nogil=True`. Kernels touch arrays and scalars only.
-- `inlined` for scalar functions that are called once per sample: Numba leaves a large callee out of line, and a loop with
-  a call in it does not vectorise (simplex noise: 57 ns a sample out of line, SIMPLEX_NS inlined).
+- `inlined` for scalar functions that are called once per sample: Numba leaves a large callee out of line, and a loop
+  with a call in it does not vectorise (simplex noise: 57 ns a sample out of line, SIMPLEX_NS inlined).
 - `cache=True`, in a folder named after `SOURCES_DIGEST`. Numba checks only the file of the cached function itself: when
   a callee in another file changes, the caller's old machine code comes back, and with it old terrain. A new digest is
   a new folder, so nothing stale can be found.
@@ -54,7 +54,7 @@ SOURCES_DIGEST: Final = sources_digest(PACKAGE)
 CACHE_DIR: Final = cache_root() / f"kernels-{SOURCES_DIGEST}"
 numba.config.CACHE_DIR = str(CACHE_DIR)
 
-_POLICY: Final = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True}
+_POLICY: Final[dict[str, Any]] = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True}
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 

@@ -1,0 +1,40 @@
+"""The meshers that are built: a new one is a file beside this one and a row here."""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from chunkserver.errors import BadParameter
+from chunkserver.mesh import Mesh, NormalKind
+from chunkserver.mesher.marching_cubes import APRON, marching_cubes
+from chunkserver.samples import Samples
+
+
+class Mesher(NamedTuple):
+    """One way to extract a surface.
+
+    apron: samples it needs around the chunk's corners.
+    extract: (samples, normal kind) -> mesh.
+    """
+
+    apron: int
+    extract: Callable[[Samples, NormalKind], Mesh]
+
+
+MESHER_DEFAULT: Final = "marching-cubes"
+MESHERS: Final[dict[str, Mesher]] = {
+    "marching-cubes": Mesher(APRON, marching_cubes),
+}
+
+
+def extract(samples: Samples, mesher: str = MESHER_DEFAULT, normals: NormalKind = "int8") -> Mesh:
+    """Return the surface of one chunk, where the density crosses 0, as `Mesh` describes it.
+
+    Raises `BadParameter` for a mesher that is not built or samples with too small an apron. A chunk without a surface
+    is no error: its mesh is `EMPTY["air"]` or `EMPTY["rock"]`.
+    """
+    if mesher not in MESHERS:
+        raise BadParameter(f"mesher is {mesher!r}; built are {sorted(MESHERS)}", mesher=mesher)
+    row = MESHERS[mesher]
+    if samples.shape.apron < row.apron:
+        raise BadParameter(f"apron is {samples.shape.apron}; {mesher} needs {row.apron}", apron=samples.shape.apron)
+    return row.extract(samples, normals)

@@ -1,0 +1,82 @@
+"""From a request to the bytes of a chunk. The page to read first.
+
+    request -> field.sample -> mesher.extract -> wire.encode -> bytes
+
+Pure: the same request gives the same bytes in a worker process, in a test, on any machine.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from typing import Final
+
+from chunkserver.errors import BadParameter
+from chunkserver.field import sample
+from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape, check_key, check_shape
+from chunkserver.kernel import SOURCES_DIGEST
+from chunkserver.mesh import Content
+from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
+from chunkserver.recipe import WorldRecipe
+from chunkserver.wire import ENCODING_DEFAULT, Encoding, Placement, check_encoding, encode
+
+SEAMS_BUILT: Final = ("transitions", "none")
+SEAM_DEFAULT: Final = "transitions"
+GENERATOR_BYTES: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkRequest:
+    """Everything that one chunk's bytes depend on, and nothing else. Hashable; cheap to send to a worker.
+
+    coarser: mask of the faces whose neighbour is one LOD coarser, bits -x +x -y +y -z +z = 1 2 4 8 16 32.
+    revision: the chunk's own last edit, 0 for a pristine chunk.
+    voxel_size: metres.
+    """
+
+    recipe: WorldRecipe
+    key: ChunkKey
+    cells: int = CELLS_DEFAULT
+    voxel_size: float = 1.0
+    mesher: str = MESHER_DEFAULT
+    coarser: int = 0
+    seam: str = SEAM_DEFAULT
+    revision: int = 0
+    encoding: Encoding = ENCODING_DEFAULT
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """One finished chunk: what it is made of, and its bytes in the requested encoding."""
+
+    content: Content
+    body: bytes
+
+
+def generator(recipe: WorldRecipe) -> str:
+    """Return the generator token: the same token means the same pristine bytes for the same request.
+
+    A digest of the sources that shape a chunk and of the recipe; never of the machine.
+    """
+    named = f"{SOURCES_DIGEST} {recipe.digest}".encode()
+    return hashlib.blake2b(named, digest_size=GENERATOR_BYTES).hexdigest()
+
+
+def check_request(request: ChunkRequest) -> None:
+    """Raise `BadKey` or `BadParameter` that names the value, unless `build_chunk` can answer `request`."""
+    check_shape(ChunkShape(request.cells))
+    check_key(request.key, request.cells)
+    if request.mesher not in MESHERS:
+        raise BadParameter(f"mesher is {request.mesher!r}; built are {sorted(MESHERS)}", mesher=request.mesher)
+    if request.seam not in SEAMS_BUILT:
+        raise BadParameter(f"seam is {request.seam!r}; built are {list(SEAMS_BUILT)}", seam=request.seam)
+    if request.coarser != 0:
+        raise BadParameter(f"coarser is {request.coarser}; only 0 is built", coarser=request.coarser)
+    check_encoding(request.encoding)
+
+
+def build_chunk(request: ChunkRequest) -> Chunk:
+    """Return the chunk that `request` names. Raises what `check_request` raises; an empty chunk is no error."""
+    check_request(request)
+    samples = sample(request.recipe, request.key, ChunkShape(request.cells, MESHERS[request.mesher].apron))
+    mesh = extract(samples, request.mesher, request.encoding.normals)
+    placement = Placement(request.key, request.cells, request.voxel_size, request.revision, request.coarser)
+    return Chunk(mesh.content, encode(mesh, placement, request.encoding))
