@@ -78,12 +78,29 @@ def wrong_imports(path: str, text: str) -> Iterator[str]:
                 yield f"{path}:{found.line}: {there} is inside {unit(there)}: import from {PACKAGE}.{unit(there)}"
 
 
-def too_many_exports(path: str, text: str) -> Iterator[str]:
+def exports(text: str) -> list[str]:
     for node in ast.parse(text).body:
         if isinstance(node, ast.Assign) and any(isinstance(to, ast.Name) and to.id == "__all__" for to in node.targets):
-            names = ast.literal_eval(node.value)
-            if len(names) > EXPORTS_MAX:
-                yield f"{path}:{node.lineno}: {len(names)} exported names: at most {EXPORTS_MAX} make a deep module"
+            return list(ast.literal_eval(node.value))
+    return []
+
+
+def too_many_exports(path: str, text: str) -> Iterator[str]:
+    names = exports(text)
+    if len(names) > EXPORTS_MAX:
+        yield f"{path}:1: {len(names)} exported names: at most {EXPORTS_MAX} make a deep module"
+
+
+def unexported_imports(sources: dict[str, str]) -> list[str]:
+    """Return each import of a name that the package it is taken from does not export."""
+    exported = {module(path): exports(text) for path, text in sources.items() if path.endswith("/__init__.py")}
+    return [
+        f"{path}:{found.line}: {found.module} does not export {found.name}"
+        for path, text in sources.items()
+        for found in imports(text)
+        if unit(found.module) not in ("", unit(module(path)))
+        if found.name and found.name not in exported.get(found.module, (found.name,))
+    ]
 
 
 def hidden_imports(path: str, text: str) -> Iterator[str]:
@@ -121,6 +138,10 @@ def test_imports_point_down():
 
 def test_packages_are_deep():
     holds(too_many_exports, "chunkserver/*/__init__.py")
+
+
+def test_packages_share_only_what_they_export():
+    nothing(unexported_imports(texts("chunkserver/*.py")))
 
 
 def test_no_import_hides_in_a_function():
@@ -186,6 +207,15 @@ def test_finds_too_many_exports():
     names = [f"name{number}" for number in range(EXPORTS_MAX + 1)]
     assert list(too_many_exports("chunkserver/field/__init__.py", f"__all__ = {names}"))
     assert not list(too_many_exports("chunkserver/field/__init__.py", f"__all__ = {names[1:]}"))
+
+
+def test_finds_an_unexported_import():
+    sources = {
+        "chunkserver/field/__init__.py": '__all__ = ["sample"]',
+        "chunkserver/field/noise.py": "from chunkserver.field import levels",
+        "chunkserver/pipeline.py": "from chunkserver.field import noise, sample",
+    }
+    assert unexported_imports(sources) == ["chunkserver/pipeline.py:1: chunkserver.field does not export noise"]
 
 
 def test_finds_a_hidden_import():
