@@ -52,9 +52,9 @@ def cache_root() -> Path:
 
 SOURCES_DIGEST: Final = sources_digest(PACKAGE)
 CACHE_DIR: Final = cache_root() / f"kernels-{SOURCES_DIGEST}"
-numba.config.CACHE_DIR = str(CACHE_DIR)
+setattr(numba.config, "CACHE_DIR", str(CACHE_DIR))  # noqa: B010 - numba's types know no settings
 
-_POLICY: Final[dict[str, Any]] = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True}
+_POLICY: Final[dict[str, Any]] = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -67,5 +67,5 @@ def kernel(function: _Function) -> _Function:
 
 def inlined(function: _Function) -> _Function:
     """Compile `function` into each of the kernels that call it: for scalar code inside loops that must vectorise."""
-    jitted: _Function = numba.njit(forceinline=True, **_POLICY)(function)
+    jitted: _Function = numba.njit(forceinline=True, **{**_POLICY, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True})(function)
     return jitted

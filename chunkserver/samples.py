@@ -29,4 +29,6 @@ class Samples:
         if self.density.shape != (side, side, side):
             raise BadParameter(f"density is {self.density.shape}; {self.shape} wants {(side,) * 3}", shape=self.shape)
         if self.density.dtype != np.float32 or not self.density.flags.c_contiguous:
-            raise BadParameter(f"density is {self.density.dtype}; it must be C-ordered float32", dtype=self.density.dtype)
+            raise BadParameter(
+                f"density is {self.density.dtype}; it must be C-ordered float32", dtype=self.density.dtype
+            )

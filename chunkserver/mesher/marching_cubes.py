@@ -1,16 +1,18 @@
 """Marching cubes on the vertex lattice: indexed, one vertex per crossed edge, no vertex on a corner.
 
-Two passes. `_count` finds each cell's case and how many vertices and triangles there will be, so that the arrays are
-exactly as long as needed. `_fill` walks the horizontal planes upwards. It writes the vertices on the edges that start
-at each corner of a plane, remembers their indices for two planes only, then the triangles of the layer below it:
+Works on rows along x, as bits. A row of corners is a word of inside flags; a row of edges is the exclusive or of two
+such words, so an empty row costs a few instructions for all its cells:
 
-    plane y+1  +---e---+---e---+     vertices of this plane (x and z edges): just written
-               |       |       |
-               e       e       e     vertices of the layer (y edges): written with plane y
-               |       |       |
-    plane y    +---e---+---e---+     vertices of this plane: written a step ago
+    corners  (y, z)      0 0 1 1 1 0 ...     inside flags
+    corners  (y, z+1)    0 1 1 1 0 0 ...
+    z edges  (y, z)      0 1 0 0 1 0 ...     crossed edges: a vertex each
+    x edges  (y, z)      0 1 0 0 1 ...       a row against itself, one place on
 
-Source: W. Lorensen and H. Cline, "Marching Cubes" (1987); the cases are our own derivation (`cases.py`).
+Vertices are numbered row by row and axis by axis along the set bits. So a vertex is found again without any index
+buffer: the number of its row's first vertex, plus the count of set bits below it. `_count` fills in the rows and how
+many vertices and triangles there are, so that all arrays are exactly as long as needed; `_fill` writes them.
+
+Source: W. Lorensen and H. Cline, "Marching Cubes" (1987). The cases are our own derivation (`cases.py`).
 """
 
 from typing import Final
@@ -19,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.grid import POSITION_LOW
-from chunkserver.kernel import kernel
+from chunkserver.kernel import inlined, kernel
 from chunkserver.mesh import EMPTY, POSITION_W, Mesh, NormalKind
+from chunkserver.mesher.bits import WORD_BITS, below, first_places, lowest, popcount, without_lowest, words_for
 from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES
 from chunkserver.mesher.normals import edge_normal, store_normal
 from chunkserver.samples import Samples
@@ -29,14 +32,14 @@ APRON: Final = 1
 """Samples around the corners: central differences at the border read one."""
 
 ISOVALUE: Final = np.float32(0)
-"""Below is rock; exactly at it, or above, is air. `_is_inside` is the only comparison."""
+"""Below is rock; exactly at it, or above, is air. `_pack` has the only comparison."""
 
 EDGE_PLACES: Final = np.array([(e >> 2, e & 1, e >> 1 & 1) for e in range(12)], np.int64)
 """For each edge of a cell: axis, and offsets along the two other axes, lower axis first."""
 
 _Densities = NDArray[np.float32]
-_Bytes = NDArray[np.uint8]
-_Counts = NDArray[np.int64]
+_Words = NDArray[np.uint64]
+_Numbers = NDArray[np.int64]
 
 
 def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
@@ -47,121 +50,128 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     own border (`tests/property/test_closed.py`). Normals are within rounding of the interpolated central differences.
     """
     shape = samples.shape
-    inside = np.empty((shape.corners,) * 3, np.uint8)
-    cases = np.empty((shape.cells,) * 3, np.uint8)
-    crossings = np.empty((shape.corners, shape.corners), np.int64)
-    vertices, triangles, inside_count = _count(samples.density, shape.apron, inside, cases, crossings)
+    corners, words = shape.corners, words_for(shape.corners)
+    rows = np.empty((corners, corners, words), np.uint64)
+    edges = np.empty((corners, corners, 3, words), np.uint64)
+    firsts = np.empty((corners, corners, 3, words), np.int64)
+    vertices, triangles = _count(samples.density, shape.apron, rows, edges, firsts)
     if vertices == 0:
-        return EMPTY["rock" if inside_count else "air"]
+        return EMPTY["rock" if rows[0, 0, 0] & np.uint64(1) else "air"]
     positions = np.empty((vertices, 4), np.uint16)
     as_int8 = np.empty((vertices if normals == "int8" else 0, 4), np.int8)
     as_float32 = np.empty((vertices if normals == "float32" else 0, 3), np.float32)
-    corners_of = np.empty((triangles, 3), np.uint32)
-    _fill(
-        samples.density,
-        shape.apron,
-        shape.units_per_cell,
-        inside,
-        cases,
-        crossings,
-        np.empty((2, 3, shape.corners, shape.corners), np.uint32),
-        positions,
-        as_int8,
-        as_float32,
-        corners_of,
-    )
-    return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, corners_of)
+    indices = np.empty((triangles, 3), np.uint32)
+    _fill_vertices(samples.density, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
+    _fill_triangles(rows, edges, firsts, indices)
+    return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices)
 
 
 @kernel
-def _count(density: _Densities, apron: int, inside: _Bytes, cases: _Bytes, crossings: _Counts) -> tuple[int, int, int]:
-    """Fill in which corners are inside, each cell's case, and the crossed edges that start at each row of corners.
+def _count(density: _Densities, apron: int, rows: _Words, edges: _Words, firsts: _Numbers) -> tuple[int, int]:
+    """Fill in the rows of corners and edges, and the number of each row's first vertex.
 
-    density: (n, n, n), apron included. inside: (corners,)*3 out. cases: (cells,)*3 out. crossings: (y, z) out.
-    Returns the number of vertices, of triangles and of inside corners.
+    density: (n, n, n), apron included. rows: (y, z, word) out, inside flags. edges: (y, z, axis, word) out, crossed
+    edges by the corner that they start at. firsts: (y, z, axis, word) out.
+    Returns the number of vertices and of triangles.
     """
-    corners = inside.shape[0]
-    inside_count = 0
+    corners = rows.shape[0]
     for y in range(corners):
         for z in range(corners):
-            row, flags = density[y + apron, z + apron, apron : apron + corners], inside[y, z]
-            for x in range(corners):
-                flags[x] = np.uint8(row[x] < ISOVALUE)
-            inside_count += flags.sum()
-    vertices, triangles = 0, 0
-    if 0 < inside_count < corners**3:
-        for y in range(corners):
-            for z in range(corners):
-                crossings[y, z] = _count_crossings(inside, y, z)
-                vertices += crossings[y, z]
+            _pack(density[y + apron, z + apron, apron : apron + corners], rows[y, z])
+    vertices = _number_vertices(rows, edges, firsts)
+    triangles = 0
+    if vertices > 0:
         for y in range(corners - 1):
             for z in range(corners - 1):
-                triangles += _count_triangles(inside, y, z, cases[y, z])
-    return vertices, triangles, inside_count
+                triangles += _count_triangles(rows, y, z)
+    return vertices, triangles
 
 
 @kernel
-def _count_crossings(inside: _Bytes, y: int, z: int) -> int:
-    """Return how many crossed edges start at the corners of row (y, z)."""
-    row, last = inside[y, z], inside.shape[0] - 1
-    crossed = 0
-    for x in range(last):
-        crossed += row[x] ^ row[x + 1]
-    if y < last:
-        above = inside[y + 1, z]
-        for x in range(last + 1):
-            crossed += row[x] ^ above[x]
-    if z < last:
-        beside = inside[y, z + 1]
-        for x in range(last + 1):
-            crossed += row[x] ^ beside[x]
-    return crossed
+def _pack(densities: _Densities, row: _Words) -> None:
+    """Set the inside flags of one row of corners."""
+    for word in range(row.size):
+        start = word * WORD_BITS
+        flags = np.uint64(0)
+        for place in range(min(WORD_BITS, densities.size - start)):
+            flags |= np.uint64(densities[start + place] < ISOVALUE) << np.uint64(place)
+        row[word] = flags
+
+
+@inlined
+def _one_on(row: _Words, word: int) -> np.uint64:
+    """Return word number `word` of a row, each place showing the flag of the next place."""
+    follows = row[word + 1] << np.uint64(63) if word + 1 < row.size else np.uint64(0)
+    return np.uint64(row[word] >> np.uint64(1) | follows)
 
 
 @kernel
-def _count_triangles(inside: _Bytes, y: int, z: int, cases: _Bytes) -> int:
-    """Fill in the cases of one row of cells and return how many triangles they hold."""
-    a, b, c, d = inside[y, z], inside[y + 1, z], inside[y, z + 1], inside[y + 1, z + 1]
-    all_inside, none_inside = np.uint8(255), np.uint8(0)
-    for x in range(cases.size):
-        low = a[x] | a[x + 1] << 1 | b[x] << 2 | b[x + 1] << 3
-        high = c[x] | c[x + 1] << 1 | d[x] << 2 | d[x + 1] << 3
-        case = np.uint8(low | high << 4)
-        cases[x] = case
-        all_inside &= case
-        none_inside |= case
-    triangles = 0
-    if all_inside != 255 and none_inside != 0:
-        for x in range(cases.size):
-            triangles += CUBE_COUNTS[cases[x]]
-    return triangles
-
-
-@kernel
-def _fill(
-    density: _Densities,
-    apron: int,
-    units: int,
-    inside: _Bytes,
-    cases: _Bytes,
-    crossings: _Counts,
-    indices: NDArray[np.uint32],
-    positions: NDArray[np.uint16],
-    as_int8: NDArray[np.int8],
-    as_float32: NDArray[np.float32],
-    triangles: NDArray[np.uint32],
-) -> None:
-    """Write every vertex and triangle. `indices`: (2, 3, corners, corners) scratch, by parity of y, axis, z, x."""
-    corners = inside.shape[0]
-    vertex, triangle = 0, 0
+def _number_vertices(rows: _Words, edges: _Words, firsts: _Numbers) -> int:
+    """Fill in the crossed edges of every row and the number of its first vertex. Returns how many there are."""
+    corners, _, words = rows.shape
+    last, vertices = corners - 1, 0
     for y in range(corners):
         for z in range(corners):
-            if crossings[y, z] > 0:
-                vertex = _fill_vertices(
-                    density, apron, units, inside, y, z, indices[y & 1], vertex, positions, as_int8, as_float32
-                )
-        if y > 0:
-            triangle = _fill_triangles(cases[y - 1], y - 1, indices, triangle, triangles)
+            row = rows[y, z]
+            for axis in range(3):
+                for word in range(words):
+                    crossed = np.uint64(0)
+                    if axis == 0:
+                        crossed = (row[word] ^ _one_on(row, word)) & first_places(last, word)
+                    elif axis == 1 and y < last:
+                        crossed = row[word] ^ rows[y + 1, z, word]
+                    elif axis == 2 and z < last:
+                        crossed = row[word] ^ rows[y, z + 1, word]
+                    edges[y, z, axis, word] = crossed
+                    firsts[y, z, axis, word] = vertices
+                    vertices += popcount(crossed)
+    return vertices
+
+
+@inlined
+def _corner_words(rows: _Words, y: int, z: int, word: int) -> tuple[np.uint64, ...]:
+    """Return the inside flags of a row of cells, one word for each of a cell's eight corners, in corner order."""
+    a, b, c, d = rows[y, z], rows[y + 1, z], rows[y, z + 1], rows[y + 1, z + 1]
+    return (
+        a[word],
+        _one_on(a, word),
+        b[word],
+        _one_on(b, word),
+        c[word],
+        _one_on(c, word),
+        d[word],
+        _one_on(d, word),
+    )
+
+
+@inlined
+def _mixed_cells(corner: tuple[np.uint64, ...], cells: int, word: int) -> np.uint64:
+    """Return which cells of a row have corners on both sides of the surface."""
+    some = corner[0] | corner[1] | corner[2] | corner[3] | corner[4] | corner[5] | corner[6] | corner[7]
+    every = corner[0] & corner[1] & corner[2] & corner[3] & corner[4] & corner[5] & corner[6] & corner[7]
+    return some & ~every & first_places(cells, word)
+
+
+@inlined
+def _case(corner: tuple[np.uint64, ...], place: np.int64) -> np.int64:
+    """Return the case of one cell of a row: bit c is set if corner c is inside."""
+    case = np.uint64(0)
+    for number in range(8):
+        case |= (corner[number] >> np.uint64(place) & np.uint64(1)) << np.uint64(number)
+    return np.int64(case)
+
+
+@kernel
+def _count_triangles(rows: _Words, y: int, z: int) -> int:
+    """Return how many triangles a row of cells holds."""
+    triangles = 0
+    for word in range(rows.shape[2]):
+        corner = _corner_words(rows, y, z, word)
+        left = _mixed_cells(corner, rows.shape[0] - 1, word)
+        while left:
+            triangles += CUBE_COUNTS[_case(corner, lowest(left))]
+            left = without_lowest(left)
+    return triangles
 
 
 @kernel
@@ -169,61 +179,75 @@ def _fill_vertices(
     density: _Densities,
     apron: int,
     units: int,
-    inside: _Bytes,
-    y: int,
-    z: int,
-    indices: NDArray[np.uint32],
-    vertex: int,
+    edges: _Words,
     positions: NDArray[np.uint16],
     as_int8: NDArray[np.int8],
     as_float32: NDArray[np.float32],
-) -> int:
-    """Write the vertices on the edges that start at the corners of row (y, z). Returns the next vertex."""
-    last = inside.shape[0] - 1
-    for x in range(last + 1):
-        here = inside[y, z, x]
-        for axis in range(3):
-            x1, y1, z1 = x + (axis == 0), y + (axis == 1), z + (axis == 2)
-            if x1 > last or y1 > last or z1 > last or inside[y1, z1, x1] == here:
-                continue
-            at_y, at_z, at_x = y + apron, z + apron, x + apron
-            crossing = _crossing(density[at_y, at_z, at_x], density[y1 + apron, z1 + apron, x1 + apron], units)
-            positions[vertex, 0] = POSITION_LOW + units * x + crossing * (axis == 0)
-            positions[vertex, 1] = POSITION_LOW + units * y + crossing * (axis == 1)
-            positions[vertex, 2] = POSITION_LOW + units * z + crossing * (axis == 2)
-            positions[vertex, 3] = POSITION_W
-            normal = edge_normal(density, at_y, at_z, at_x, axis, crossing / units)
-            store_normal(normal, vertex, as_int8, as_float32)
-            indices[axis, z, x] = vertex
-            vertex += 1
-    return vertex
+) -> None:
+    """Write position and normal of every vertex, in the order in which `_number_vertices` counted them."""
+    corners, _, _, words = edges.shape
+    vertex = 0
+    for y in range(corners):
+        for z in range(corners):
+            for axis in range(3):
+                for word in range(words):
+                    left = edges[y, z, axis, word]
+                    while left:
+                        x = word * WORD_BITS + lowest(left)
+                        left = without_lowest(left)
+                        crossing = _crossing(density, y + apron, z + apron, x + apron, axis, units)
+                        positions[vertex, 0] = POSITION_LOW + units * x + (crossing if axis == 0 else 0)
+                        positions[vertex, 1] = POSITION_LOW + units * y + (crossing if axis == 1 else 0)
+                        positions[vertex, 2] = POSITION_LOW + units * z + (crossing if axis == 2 else 0)
+                        positions[vertex, 3] = POSITION_W
+                        normal = edge_normal(density, y + apron, z + apron, x + apron, axis, crossing / units)
+                        store_normal(normal, vertex, as_int8, as_float32)
+                        vertex += 1
+
+
+@inlined
+def _crossing(density: _Densities, y: int, z: int, x: int, axis: int, units: int) -> np.int64:
+    """Return where along an edge the density crosses the isovalue, in lattice units, off both corners.
+
+    The edge starts at sample (y, z, x) and is one cell long.
+    """
+    low = np.float64(density[y, z, x])
+    high = np.float64(density[y + (axis == 1), z + (axis == 2), x + (axis == 0)])
+    nearest = np.int64(np.floor((np.float64(ISOVALUE) - low) / (high - low) * units + 0.5))
+    return np.int64(min(max(nearest, 1), units - 1))
 
 
 @kernel
-def _crossing(low: np.float32, high: np.float32, units: int) -> int:
-    """Return where the density crosses the isovalue between two corners, in lattice units, off both corners."""
-    a, b = np.float64(low), np.float64(high)
-    nearest = int(np.floor((np.float64(ISOVALUE) - a) / (b - a) * units + 0.5))
-    return min(max(nearest, 1), units - 1)
+def _fill_triangles(rows: _Words, edges: _Words, firsts: _Numbers, triangles: NDArray[np.uint32]) -> None:
+    """Write the triangles of every cell."""
+    corners, _, words = rows.shape
+    at = 0
+    for y in range(corners - 1):
+        for z in range(corners - 1):
+            for word in range(words):
+                corner = _corner_words(rows, y, z, word)
+                left = _mixed_cells(corner, corners - 1, word)
+                while left:
+                    place = lowest(left)
+                    left = without_lowest(left)
+                    case = _case(corner, place)
+                    x = word * WORD_BITS + place
+                    for triangle in range(CUBE_COUNTS[case]):
+                        for vertex in range(3):
+                            edge = CUBE_EDGES[case, 3 * triangle + vertex]
+                            triangles[at, vertex] = _vertex_number(edges, firsts, y, z, x, edge)
+                        at += 1
 
 
-@kernel
-def _fill_triangles(
-    cases: _Bytes, y: int, indices: NDArray[np.uint32], triangle: int, triangles: NDArray[np.uint32]
-) -> int:
-    """Write the triangles of one layer of cells. Returns the next triangle."""
-    cells = cases.shape[0]
-    for z in range(cells):
-        for x in range(cells):
-            case = cases[z, x]
-            for corner in range(3 * CUBE_COUNTS[case]):
-                axis, first, second = EDGE_PLACES[CUBE_EDGES[case, corner]]
-                if axis == 0:
-                    index = indices[(y + first) & 1, 0, z + second, x]
-                elif axis == 1:
-                    index = indices[y & 1, 1, z + second, x + first]
-                else:
-                    index = indices[(y + second) & 1, 2, z, x + first]
-                triangles[triangle + corner // 3, corner % 3] = index
-            triangle += CUBE_COUNTS[case]
-    return triangle
+@inlined
+def _vertex_number(edges: _Words, firsts: _Numbers, y: int, z: int, x: np.int64, edge: int) -> np.int64:
+    """Return the number of the vertex on edge `edge` of cell (y, z, x)."""
+    axis, first, second = EDGE_PLACES[edge, 0], EDGE_PLACES[edge, 1], EDGE_PLACES[edge, 2]
+    if axis == 0:
+        y, z = y + first, z + second
+    elif axis == 1:
+        x, z = x + first, z + second
+    else:
+        x, y = x + first, y + second
+    word = x >> 6
+    return np.int64(firsts[y, z, axis, word] + popcount(edges[y, z, axis, word] & below(x & 63)))

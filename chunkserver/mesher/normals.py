@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import inlined
 
 INT8_SCALE: Final = 127.0
 
@@ -25,7 +25,7 @@ def gradient(density: NDArray[np.float32], y: int, z: int, x: int) -> tuple[floa
     )
 
 
-@kernel
+@inlined
 def edge_normal(
     density: NDArray[np.float32], y: int, z: int, x: int, axis: int, t: float
 ) -> tuple[float, float, float]:
@@ -45,7 +45,7 @@ def edge_normal(
     return nx / length, ny / length, nz / length
 
 
-@kernel
+@inlined
 def store_normal(
     normal: tuple[float, float, float], vertex: int, as_int8: NDArray[np.int8], as_float32: NDArray[np.float32]
 ) -> None:
