@@ -25,16 +25,16 @@ def words_for(places: int) -> int:
 
 
 @inlined
-def popcount(word: np.uint64) -> np.int64:
+def popcount(word: np.uint64) -> int:
     """Return how many bits are set."""
     word = word - ((word >> _ONE) & _PAIRS)
     word = (word & _NIBBLES) + ((word >> np.uint64(2)) & _NIBBLES)
     word = (word + (word >> np.uint64(4))) & _BYTES
-    return np.int64((word * _SUM) >> np.uint64(56))
+    return int(np.int64((word * _SUM) >> np.uint64(56)))
 
 
 @inlined
-def lowest(word: np.uint64) -> np.int64:
+def lowest(word: np.uint64) -> int:
     """Return the place of the lowest set bit of a word that is not 0."""
     return popcount((word & (~word + _ONE)) - _ONE)
 
@@ -46,7 +46,7 @@ def without_lowest(word: np.uint64) -> np.uint64:
 
 
 @inlined
-def below(place: int | np.int64) -> np.uint64:
+def below(place: int) -> np.uint64:
     """Return the word with all bits below `place` set, 0 <= place < 64."""
     return (_ONE << np.uint64(place)) - _ONE
 

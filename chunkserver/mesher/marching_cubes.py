@@ -153,12 +153,12 @@ def _mixed_cells(corner: tuple[np.uint64, ...], cells: int, word: int) -> np.uin
 
 
 @inlined
-def _case(corner: tuple[np.uint64, ...], place: np.int64) -> np.int64:
+def _case(corner: tuple[np.uint64, ...], place: int) -> int:
     """Return the case of one cell of a row: bit c is set if corner c is inside."""
     case = np.uint64(0)
     for number in range(8):
         case |= (corner[number] >> np.uint64(place) & np.uint64(1)) << np.uint64(number)
-    return np.int64(case)
+    return int(np.int64(case))
 
 
 @kernel
@@ -206,15 +206,15 @@ def _fill_vertices(
 
 
 @inlined
-def _crossing(density: _Densities, y: int, z: int, x: int, axis: int, units: int) -> np.int64:
+def _crossing(density: _Densities, y: int, z: int, x: int, axis: int, units: int) -> int:
     """Return where along an edge the density crosses the isovalue, in lattice units, off both corners.
 
     The edge starts at sample (y, z, x) and is one cell long.
     """
     low = np.float64(density[y, z, x])
     high = np.float64(density[y + (axis == 1), z + (axis == 2), x + (axis == 0)])
-    nearest = np.int64(np.floor((np.float64(ISOVALUE) - low) / (high - low) * units + 0.5))
-    return np.int64(min(max(nearest, 1), units - 1))
+    nearest = int(np.floor((np.float64(ISOVALUE) - low) / (high - low) * units + 0.5))
+    return min(max(nearest, 1), units - 1)
 
 
 @kernel
@@ -240,7 +240,7 @@ def _fill_triangles(rows: _Words, edges: _Words, firsts: _Numbers, triangles: ND
 
 
 @inlined
-def _vertex_number(edges: _Words, firsts: _Numbers, y: int, z: int, x: np.int64, edge: int) -> np.int64:
+def _vertex_number(edges: _Words, firsts: _Numbers, y: int, z: int, x: int, edge: int) -> int:
     """Return the number of the vertex on edge `edge` of cell (y, z, x)."""
     axis, first, second = EDGE_PLACES[edge, 0], EDGE_PLACES[edge, 1], EDGE_PLACES[edge, 2]
     if axis == 0:
@@ -250,4 +250,4 @@ def _vertex_number(edges: _Words, firsts: _Numbers, y: int, z: int, x: np.int64,
     else:
         x, y = x + first, y + second
     word = x >> 6
-    return np.int64(firsts[y, z, axis, word] + popcount(edges[y, z, axis, word] & below(x & 63)))
+    return int(firsts[y, z, axis, word]) + popcount(edges[y, z, axis, word] & below(x & 63))
