@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.field.noise import gradient2, simplex3
+from chunkserver.field.noise import add_gradient2, add_simplex3
 from chunkserver.kernel import kernel
 
 CONSTANT: Final = 0
@@ -36,25 +36,28 @@ DENSITY_MAX: Final = np.float32(65536)
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
+_Words = NDArray[np.uint32]
 
 
 @kernel
 def run(
     code: NDArray[np.int32],
     numbers: _Doubles,
-    keys: NDArray[np.uint64],
+    keys: _Words,
     columns: int,
     result: int,
     low: _Doubles,
     step: float,
     points: _Doubles,
     registers: _Floats,
+    fractions: _Floats,
+    words: _Words,
     density: _Floats,
 ) -> None:
     """Evaluate a tape over a cube of points.
 
     low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points.
-    points: (3, n * n) scratch for coordinates. registers: (registers, n * n) scratch.
+    points: (3, n * n) scratch for coordinates. registers: (registers, n * n) scratch. fractions, words: `noise.scratch`.
     density: (n, n * n) out, a horizontal plane each, y upwards.
     """
     planes = density.shape[0]
@@ -62,30 +65,24 @@ def run(
         for x in range(planes):
             points[0, z * planes + x] = low[0] + step * x
             points[2, z * planes + x] = low[2] + step * z
-    for at in range(columns):
-        _execute(code[at], numbers[at], keys[at], points, registers)
     for plane in range(planes):
         points[1, :] = low[1] + step * plane
-        for at in range(columns, code.shape[0]):
-            _execute(code[at], numbers[at], keys[at], points, registers)
+        for at in range(0 if plane == 0 else columns, code.shape[0]):
+            op, constants = code[at, 0], numbers[at]
+            out, a, b = registers[code[at, 1]], registers[code[at, 2]], registers[code[at, 3]]
+            if op == CONSTANT:
+                out[:] = np.float32(constants[0])
+            elif op <= Z:
+                _coordinate(points[op - X], out)
+            elif op <= MAX:
+                _combine(op, a, b, out)
+            elif op == SPHERE:
+                _sphere(points[0], points[1], points[2], constants, out)
+            elif op == GRADIENT2:
+                add_gradient2(points[0], points[2], constants, keys[at], a, out, fractions, words)
+            elif op == SIMPLEX3:
+                add_simplex3(points[0], points[1], points[2], constants, keys[at], a, out, fractions, words)
         _clamp(registers[result], density[plane])
-
-
-@kernel
-def _execute(row: NDArray[np.int32], numbers: _Doubles, key: np.uint64, points: _Doubles, registers: _Floats) -> None:
-    op, out = row[0], registers[row[1]]
-    if op == CONSTANT:
-        out[:] = np.float32(numbers[0])
-    elif op <= Z:
-        _coordinate(points[op - X], out)
-    elif op <= MAX:
-        _combine(op, registers[row[2]], registers[row[3]], out)
-    elif op == SPHERE:
-        _sphere(points[0], points[1], points[2], numbers, out)
-    elif op == GRADIENT2:
-        _add_gradient2(points[0], points[2], numbers, key, registers[row[2]], out)
-    elif op == SIMPLEX3:
-        _add_simplex3(points[0], points[1], points[2], numbers, key, registers[row[2]], out)
 
 
 @kernel
@@ -119,30 +116,6 @@ def _sphere(x: _Doubles, y: _Doubles, z: _Doubles, numbers: _Doubles, out: _Floa
     for i in range(out.size):
         dx, dy, dz = x[i] - center_x, y[i] - center_y, z[i] - center_z
         out[i] = np.float32(np.sqrt(dx * dx + dy * dy + dz * dz) - radius)
-
-
-@kernel
-def _add_gradient2(
-    x: _Doubles, z: _Doubles, numbers: _Doubles, key: np.uint64, below: _Floats, out: _Floats
-) -> None:
-    amplitude, frequency = np.float32(numbers[0]), numbers[1]
-    offset_x, offset_z = numbers[2], numbers[4]
-    for i in range(out.size):
-        noise = gradient2(x[i] * frequency + offset_x, z[i] * frequency + offset_z, key)
-        out[i] = below[i] + amplitude * noise
-
-
-@kernel
-def _add_simplex3(
-    x: _Doubles, y: _Doubles, z: _Doubles, numbers: _Doubles, key: np.uint64, below: _Floats, out: _Floats
-) -> None:
-    amplitude, frequency = np.float32(numbers[0]), numbers[1]
-    offset_x, offset_y, offset_z = numbers[2], numbers[3], numbers[4]
-    for i in range(out.size):
-        noise = simplex3(
-            x[i] * frequency + offset_x, y[i] * frequency + offset_y, z[i] * frequency + offset_z, key
-        )
-        out[i] = below[i] + amplitude * noise
 
 
 @kernel

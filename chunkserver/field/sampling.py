@@ -3,6 +3,7 @@
 import numpy as np
 
 from chunkserver.field.interpreter import run
+from chunkserver.field.noise import scratch
 from chunkserver.field.tape import flatten
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
@@ -36,6 +37,7 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
         float(key.step),
         points,
         registers,
+        *scratch(),
         density,
     )
     return Samples(shape, density.reshape(side, side, side))

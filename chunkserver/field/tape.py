@@ -30,6 +30,7 @@ TAPES_MAX: Final = 256
 """Tapes kept in one process."""
 
 _MASK: Final = (1 << 64) - 1
+_WORD: Final = (1 << 32) - 1
 _GOLDEN: Final = 0x9E3779B97F4A7C15
 """2**64 / golden ratio, odd: the step of SplitMix64 (S. Vigna)."""
 
@@ -41,7 +42,7 @@ class Instruction(NamedTuple):
     a: int = -1
     b: int = -1
     numbers: tuple[float, ...] = ()
-    key: int = 0
+    keys: tuple[int, ...] = (0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +51,7 @@ class Tape:
 
     code: (n, 4) int32, rows of op, destination register, registers of a and b.
     numbers: (n, NUMBERS) float64, each instruction's constants.
-    keys: (n,) uint64, noise hash keys.
+    keys: (n, 3) uint32, noise hash keys of the axes.
     columns: how many leading instructions do not depend on y.
     registers: how many registers the code uses.
     result: the register that holds the density at the end.
@@ -58,7 +59,7 @@ class Tape:
 
     code: NDArray[np.int32]
     numbers: NDArray[np.float64]
-    keys: NDArray[np.uint64]
+    keys: NDArray[np.uint32]
     columns: int
     registers: int
     result: int
@@ -124,11 +125,11 @@ def _write_simplex3(writer: _Writer, node: nodes.Simplex3) -> int:
 
 def _write_fbm(writer: _Writer, node: nodes.Fbm) -> int:
     basis = {"fbm2": op.GRADIENT2, "fbm3": op.SIMPLEX3}[node.op]
-    amplitudes = [node.gain**octave for octave in range(node.octaves)]
+    octaves = node.bands()
+    total = sum(amplitude for _, amplitude in octaves)
     place = writer.constant(0.0)
-    for octave, amplitude in enumerate(amplitudes):
-        frequency = node.frequency * node.lacunarity**octave
-        place = _write_octave(writer, basis, place, amplitude / sum(amplitudes), frequency, (node.salt, octave + 1))
+    for octave, (frequency, amplitude) in enumerate(octaves):
+        place = _write_octave(writer, basis, place, amplitude / total, frequency, (node.salt, octave + 1))
     return place
 
 
@@ -139,9 +140,8 @@ def _write_octave(
     faded = amplitude * weight(1.0 / frequency, writer.lod)
     if faded == 0.0:
         return below
-    key = noise_key(writer.seed, *name)
-    offsets = tuple((noise_key(key, axis, 0) >> 32) / 2.0**32 for axis in range(3))
-    return writer.put(Instruction(basis, below, numbers=(faded, frequency, *offsets), key=key))
+    offsets, keys = noise_name(writer.seed, *name)
+    return writer.put(Instruction(basis, below, numbers=(faded, frequency, *offsets), keys=keys))
 
 
 _WRITERS: Final[dict[type[nodes.Node], Callable[[_Writer, Any], int]]] = {
@@ -154,10 +154,16 @@ _WRITERS: Final[dict[type[nodes.Node], Callable[[_Writer, Any], int]]] = {
 }
 
 
-def noise_key(seed: int, salt: int, octave: int) -> int:
-    """Return a 64-bit hash key: unrelated for different seeds, salts and octaves (SplitMix64's finish, three times)."""
-    key = seed & _MASK
-    for word in (salt, octave, 0):
+def noise_name(seed: int, salt: int, octave: int) -> tuple[tuple[float, ...], tuple[int, ...]]:
+    """Return what tells noises apart, for each axis: an offset in [0, 1) lattice cells and a 32-bit hash key."""
+    axes = [_hash(seed, salt, octave, axis) for axis in range(3)]
+    return tuple((key >> 32) / 2.0**32 for key in axes), tuple(key & _WORD for key in axes)
+
+
+def _hash(*words: int) -> int:
+    """Return 64 bits that all bits of all words reach: SplitMix64's finish (S. Vigna), once a word."""
+    key = 0
+    for word in words:
         key = (key + word + 1) * _GOLDEN & _MASK
         key = (key ^ key >> 30) * 0xBF58476D1CE4E5B9 & _MASK
         key = (key ^ key >> 27) * 0x94D049BB133111EB & _MASK
@@ -170,7 +176,7 @@ def _allocate(writer: _Writer, order: list[int], root: int) -> Tape:
     last_use = _last_uses(writer, order, root)
     code = np.full((len(order), 4), -1, np.int32)
     numbers = np.zeros((len(order), op.NUMBERS), np.float64)
-    keys = np.zeros(len(order), np.uint64)
+    keys = np.zeros((len(order), 3), np.uint32)
     register: dict[int, int] = {}
     free: list[int] = []
     used = 0
@@ -180,7 +186,7 @@ def _allocate(writer: _Writer, order: list[int], root: int) -> Tape:
         used = max(used, register[place] + 1)
         code[at] = step.op, register[place], register.get(step.a, -1), register.get(step.b, -1)
         numbers[at, : len(step.numbers)] = step.numbers
-        keys[at] = step.key
+        keys[at] = step.keys
         free.extend(register[operand] for operand in {step.a, step.b} - {-1} if last_use[operand] == at)
     if used > REGISTERS_MAX:
         raise BadRecipe(f"recipe needs {used} registers; the limit is {REGISTERS_MAX}", registers=used)

@@ -80,6 +80,14 @@ class Fbm(Node):
     gain: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.5
     salt: Salt = 0
 
+    def bands(self) -> list[tuple[float, float]]:
+        """Return (frequency, amplitude) of each octave, by multiplication alone: a power is not the same everywhere."""
+        bands = [(self.frequency, 1.0)]
+        for _ in range(self.octaves - 1):
+            frequency, amplitude = bands[-1]
+            bands.append((frequency * self.lacunarity, amplitude * self.gain))
+        return bands
+
 
 def _number_is_constant(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):

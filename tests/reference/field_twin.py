@@ -1,0 +1,153 @@
+"""The field in plain Python, one point at a time: what the compiled interpreter must give, bit for bit.
+
+Numbers are numpy scalars, so every step rounds where its type says. Nothing is compiled and nothing is shared with
+`chunkserver.field` but the tables of constants, the keys of noises and the fade rule.
+"""
+
+import numpy as np
+
+from chunkserver.field import noise
+from chunkserver.field.levels import weight
+from chunkserver.field.tape import noise_name
+from chunkserver.recipe import nodes
+
+f32 = np.float32
+MASK_32 = (1 << 32) - 1
+MASK_64 = (1 << 64) - 1
+EXPONENT = 0x4338 << 48
+"""The bits of 1.5 * 2**52: they stay in each integer that is split off a coordinate."""
+AXES = [int(noise.AXIS_X), int(noise.AXIS_Y), int(noise.AXIS_Z)]
+
+
+def stir(bits: int, multiplier: np.uint32) -> int:
+    return (bits ^ bits >> 16) * int(multiplier) & MASK_32
+
+
+def axis_hash(i: int, axis: int, key: int) -> int:
+    """Hash one lattice coordinate, a two's complement integer of any size."""
+    low, high = i & MASK_32, (i & MASK_64) >> 32
+    return stir(low * AXES[axis] + high * int(noise.PAGE) + key & MASK_32, noise.ROUND_1)
+
+
+def corner_hash(corner: dict[int, int], keys: tuple[int, int, int]) -> int:
+    """Hash a lattice corner, given as {axis: coordinate}."""
+    total = sum(axis_hash(i, axis, keys[axis]) for axis, i in corner.items())
+    return stir(total & MASK_32, noise.ROUND_2)
+
+
+def split(x: np.float64) -> tuple[int, np.float64]:
+    whole = np.rint(x)
+    return int(whole), x - whole
+
+
+def flip(value: np.float32, sign: int) -> np.float32:
+    return -value if sign else value
+
+
+def dot2(bits: int, dx: np.float32, dz: np.float32) -> np.float32:
+    steep, swap = bits >> 29 & 1, bits >> 28 & 1
+    long, short = (dz, dx) if swap else (dx, dz)
+    a = (noise.COS_3 if steep else noise.COS_1) * long
+    b = (noise.SIN_3 if steep else noise.SIN_1) * short
+    return flip(a, bits >> 31) + flip(b, bits >> 30 & 1)
+
+
+def gradient2(x: np.float64, z: np.float64, keys: tuple[int, int, int]) -> np.float32:
+    (ix, fx), (iz, fz) = split(x), split(z)
+    value = {}
+    for a in (0, 1):
+        for b in (0, 1):
+            bits = corner_hash({0: ix + a + EXPONENT, 2: iz + b + EXPONENT}, keys)
+            value[a, b] = dot2(bits, f32(fx) + f32(0.5 - a), f32(fz) + f32(0.5 - b))
+    blend_x, blend_z = quintic(f32(fx) + f32(0.5)), quintic(f32(fz) + f32(0.5))
+    low = value[0, 0] + blend_x * (value[1, 0] - value[0, 0])
+    high = value[0, 1] + blend_x * (value[1, 1] - value[0, 1])
+    return noise.GRADIENT_SCALE * (low + blend_z * (high - low))
+
+
+def quintic(t: np.float32) -> np.float32:
+    return t * t * t * (t * (t * f32(6) - f32(15)) + f32(10))
+
+
+def simplex3(x: np.float64, y: np.float64, z: np.float64, keys: tuple[int, int, int]) -> np.float32:
+    cells, parts = zip(*(split(c) for c in (x, y, z)), strict=True)
+    total = sum(cells)
+    q = int(np.rint(np.float64(total) * (1 / 3) - 2))
+    f, rest = [f32(part) for part in parts], f32(total - 3 * q)
+
+    skew = ((f[0] + f[1]) + (f[2] + rest)) * f32(1 / 3)
+    a = [np.rint((part + skew) - f32(0.5)) for part in f]
+    unskew = ((a[0] + a[1]) + (a[2] + rest)) * f32(1 / 6)
+    d = [(part - low) + unskew for part, low in zip(f, a, strict=True)]
+
+    corner = [cell + q + int(low) + 2 * EXPONENT for cell, low in zip(cells, a, strict=True)]
+    value, walked = f32(0), [0, 0, 0]
+    for step, axis in enumerate([None, *largest_first(d)]):
+        if axis is not None:
+            walked[axis] = 1
+        offset = [d[i] + f32(step / 6 - walked[i]) for i in range(3)]
+        bits = corner_hash({i: corner[i] + walked[i] for i in range(3)}, keys)
+        value += simplex_corner(bits, *offset)
+    return value * noise.SIMPLEX_SCALE
+
+
+def largest_first(d: list[np.float32]) -> list[int]:
+    """Return the axes, that of the largest coordinate first; of equal ones x before y before z."""
+    return sorted(range(3), key=lambda axis: -d[axis])
+
+
+def simplex_corner(bits: int, dx: np.float32, dy: np.float32, dz: np.float32) -> np.float32:
+    choice = bits << 2 & MASK_32
+    signed = choice - (1 << 32) if choice >> 31 else choice
+    u = dy if signed < -(2**32 // 6) else dx
+    v = dy if signed > 2**32 // 6 else dz
+    left = max(noise.SIMPLEX_REACH - ((dx * dx + dy * dy) + dz * dz), f32(0))
+    return (left * left) * (left * left) * (flip(u, bits >> 31) + flip(v, bits >> 30 & 1))
+
+
+def octave(node: nodes.Node, band: int, size: tuple[float, float], point: list[np.float64], seed: int) -> np.float32:
+    """Return one octave of noise at a point: 3-D simplex, or 2-D gradient noise for `fbm2`."""
+    frequency, _ = size
+    offsets, keys = noise_name(seed, node.salt, band)
+    at = [c * frequency + offset for c, offset in zip(point, offsets, strict=True)]
+    return gradient2(at[0], at[2], keys) if node.op == "fbm2" else simplex3(*at, keys)
+
+
+def evaluate(node: nodes.Node, seed: int, lod: int, point: list[np.float64]) -> np.float32:
+    """Return the density at one point (x, y, z), voxels, before the field is clamped."""
+    match node:
+        case nodes.Constant():
+            return f32(node.value)
+        case nodes.Axis():
+            return f32(point["xyz".index(node.op)])
+        case nodes.Sphere():
+            dx, dy, dz = (c - center for c, center in zip(point, node.center, strict=True))
+            return f32(np.sqrt(dx * dx + dy * dy + dz * dz) - node.radius)
+        case nodes.Simplex3():
+            bands, first = [(node.frequency, 1.0)], 0
+        case nodes.Fbm():
+            bands, first = node.bands(), 1
+        case nodes.Binary():
+            a, b = evaluate(node.a, seed, lod, point), evaluate(node.b, seed, lod, point)
+            return combine(node.op, a, b)
+    total = sum(amplitude for _, amplitude in bands)
+    value = f32(0)
+    for k, band in enumerate(bands):
+        faded = band[1] / total * weight(1 / band[0], lod)
+        if faded != 0:
+            value = value + f32(faded) * octave(node, first + k, band, point, seed)
+    return value
+
+
+def combine(op: str, a: np.float32, b: np.float32) -> np.float32:
+    match op:
+        case "add":
+            return a + b
+        case "subtract":
+            return a - b
+        case "multiply":
+            return a * b
+        case "min":
+            return a if a < b else b
+        case _:
+            return a if a > b else b
