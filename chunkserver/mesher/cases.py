@@ -4,11 +4,13 @@ One rule per face: walk each run of inside corners around the face; a segment go
 the edge that enters it. Two cells that share a face apply the rule to the same signs, so their segments agree and no
 hole is possible. Where a face is ambiguous (two runs), its inside corners stay apart:
 
-     o---+---#      # inside (rock), o outside (air)
-     |    \\  |      each # is a run of its own: two segments, the air between them is connected
-     +     + +
-     |  \\    |
-     #---+---o
+     o----+----#      # inside (rock), o outside (air)
+     |     .   |
+     |       . |      each # is a run of its own: two segments (dotted),
+     +         +      and the air between them is connected
+     | .       |
+     |   .     |
+     #----+----o
 
 Every crossed edge lies on two faces, leaves a run on one and enters one on the other, so the segments of a cell link to
 closed loops. Each loop is triangulated. No diagonal may lie in a face of the cell: the neighbour could choose the same
