@@ -57,7 +57,8 @@ def run(
     """Evaluate a tape over a cube of points.
 
     low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points.
-    points: (3, n * n) scratch for coordinates. registers: (registers, n * n) scratch. fractions, words: `noise.scratch`.
+    points: (3, n * n) scratch for coordinates. registers: (registers, n * n) scratch. fractions, words: scratch too,
+        as `noise.scratch` makes them.
     density: (n, n * n) out, a horizontal plane each, y upwards.
     """
     planes = density.shape[0]

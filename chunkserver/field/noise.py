@@ -8,9 +8,11 @@ What passes between them is a block of BLOCK points that stays in the first-leve
 off, only small numbers are left: noise is as smooth at 2**40 voxels as at the origin.
 
 A lattice corner is hashed axis by axis, from all 64 bits of its coordinate, and the axes' hashes are added and stirred
-once more; the corner's gradient is picked by the top bits. `x + 1` is hashed from the same words as `x`, carry included.
+once more; the corner's gradient is picked by the top bits. Nothing here repeats: the stirring of each axis breaks up
+what a linear hash would have, a vector by which all noise can be shifted onto itself.
 
-Only + - * / and comparisons: the same bits on every machine. `tests/reference/field_twin.py` says the same point by point.
+Only + - * and comparisons: the same bits on every machine. `tests/reference/field_twin.py` says it all again in plain
+Python, point by point.
 """
 
 import math
@@ -62,8 +64,8 @@ SIMPLEX_REACH: Final = np.float32(0.5)
 SIMPLEX_SCALE: Final = np.float32(76.8)
 """Brings simplex noise into [-1, 1]: its supremum is 1/76.88, found by a search over points and gradients."""
 
-GRADIENT_SCALE: Final = np.float32(1.414)
-"""Brings 2-D gradient noise with unit gradients into [-1, 1]: its supremum is at most sqrt(1/2)."""
+GRADIENT_SCALE: Final = np.float32(1.437)
+"""Brings 2-D gradient noise with the gradients below into [-1, 1]: its supremum is 1/1.4381, found in the same way."""
 
 # Sixteen unit gradients, 22.5 degrees apart, none along an axis or a diagonal: at 11.25 and 33.75 degrees and their
 # reflections. By half-angle formulas, since sqrt is exact and cos need not be.
@@ -208,10 +210,10 @@ def add_simplex3(
 ) -> None:
     """Write below + amplitude * simplex noise in [-1, 1], mean 0. Arguments as in `add_gradient2`.
 
-    Space is skewed along its diagonal, p -> p + sum(p)/3, so that cubes fall into six tetrahedra each. With p split into
-    cell c and fraction f, and sum(c) = 3q + r, the skew is q + (r + sum f)/3: any whole q near sum(c)/3 leaves small
-    numbers only. The corner c + q + a has a = floor(f + (r + sum f)/3); unskewed it lies at c + a - (r + sum a)/6, from
-    which q is gone. q is taken two too low, so that a is 0 to 3 and the walk from c + q only goes up.
+    Space is skewed along its diagonal, p -> p + sum(p)/3, so that cubes fall into six tetrahedra each. With p split
+    into cell c and fraction f, and sum(c) = 3q + r, the skew is q + (r + sum f)/3: any whole q near sum(c)/3 leaves
+    small numbers only. The low corner of the point's cube is c + q + a, where a = floor(f + (r + sum f)/3); unskewed
+    it lies at c + a - (r + sum a)/6, from which q is gone. q is taken two too low: then a is 0 to 3, never negative.
 
     Source: K. Perlin, "Noise hardware" (2001); the split is ours.
     """

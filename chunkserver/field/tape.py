@@ -23,11 +23,15 @@ from numpy.typing import NDArray
 from chunkserver.errors import BadRecipe
 from chunkserver.field import interpreter as op
 from chunkserver.field.levels import weight
+from chunkserver.field.noise import COORDINATE_MAX
+from chunkserver.grid import LATTICE_MAX
 from chunkserver.recipe import WorldRecipe, nodes
 
 REGISTERS_MAX: Final = 128
 TAPES_MAX: Final = 256
 """Tapes kept in one process."""
+
+assert 2 * LATTICE_MAX * nodes.FREQUENCY_MAX < COORDINATE_MAX, "noise is defined wherever a chunk can be"
 
 _MASK: Final = (1 << 64) - 1
 _WORD: Final = (1 << 32) - 1
@@ -194,7 +198,7 @@ def _allocate(writer: _Writer, order: list[int], root: int) -> Tape:
 
 
 def _last_uses(writer: _Writer, order: list[int], root: int) -> dict[int, int]:
-    """Return where on the tape each value is read last. The root, and what planes read of the columns, live to the end."""
+    """Return where on the tape each value is read last. The root, and what planes read of columns, live to the end."""
     last_use: dict[int, int] = {}
     for at, place in enumerate(order):
         for operand in (writer.steps[place].a, writer.steps[place].b):

@@ -2,34 +2,36 @@
 
 import inspect
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Final
 
-from pydantic import ValidationError
+from pydantic import ValidationError, validate_call
 
 from chunkserver.errors import BadRecipe
-from chunkserver.recipe.nodes import Axis, Binary, Constant, Fbm, Node, Simplex3, Sphere
-from chunkserver.recipe.world import canonical
+from chunkserver.recipe.nodes import Axis, Binary, Constant, Fbm, Length, Node, Number, Simplex3, Sphere
+from chunkserver.recipe.reading import bad_recipe, canonical
 
 RELIEF_VOXELS: Final = 24.0
 CAVE_FREQUENCY: Final = 0.05
 CAVE_THRESHOLD: Final = 0.6
-CAVE_SCALE: Final = 12.0
-"""Makes the gradient of the cave term about 1 per voxel at its surface (measured: `tests/unit/field/test_library.py`),
+CAVE_SCALE: Final = 6.0
+"""Makes the gradient of the cave term about 1 per voxel at its surface (measured: `tests/unit/field/test_noise.py`),
 without moving that surface, so that an edit's strength means voxels."""
 
 SPHERE_RADIUS: Final = 48.0
 PLANET_RADIUS: Final = 200.0
 RECIPE_DEFAULT: Final = "terrain"
+NAME_CHARACTERS_MAX: Final = 64
 
 Builtin = Callable[..., Node]
 
 
-def _terrain(relief: float = RELIEF_VOXELS) -> Node:
+def _terrain(relief: Number = RELIEF_VOXELS) -> Node:
     """Rolling hills with caves cut out: the article's field."""
     return Binary(op="max", a=_hills(relief), b=_caves())
 
 
-def _hills(relief: float = RELIEF_VOXELS) -> Node:
+def _hills(relief: Number = RELIEF_VOXELS) -> Node:
     """A heightfield of five octaves of gradient noise, `relief` voxels high."""
     heights = Fbm(op="fbm2", frequency=0.02, octaves=5)
     return Binary(op="subtract", a=Axis(op="y"), b=_times(heights, relief))
@@ -41,7 +43,7 @@ def _caves() -> Node:
     return _times(above_threshold, CAVE_SCALE)
 
 
-def _sphere(radius: float = SPHERE_RADIUS) -> Node:
+def _sphere(radius: Length = SPHERE_RADIUS) -> Node:
     """A ball of rock at the origin."""
     return Sphere(radius=radius)
 
@@ -51,7 +53,7 @@ def _plane() -> Node:
     return Axis(op="y")
 
 
-def _planet(radius: float = PLANET_RADIUS, relief: float = RELIEF_VOXELS) -> Node:
+def _planet(radius: Length = PLANET_RADIUS, relief: Number = RELIEF_VOXELS) -> Node:
     """A ball of rock with relief on its surface and caves inside."""
     heights = Fbm(op="fbm3", frequency=0.01, octaves=5)
     surface = Binary(op="subtract", a=Sphere(radius=radius), b=_times(heights, relief))
@@ -72,17 +74,41 @@ BUILTINS: Final[dict[str, Builtin]] = {
 }
 
 
-def builtin(name: str, **parameters: float) -> str:
+def resolve(given: object) -> str:
+    """Return the canonical JSON of what a user may give as a recipe.
+
+    given: parsed JSON: the name of a built-in, `{"builtin": name, parameter: value, ...}`, or an expression tree.
+
+    Raises `BadRecipe` as `builtin` and `canonical` do.
+    """
+    if isinstance(given, str):
+        return builtin(given)
+    if isinstance(given, dict) and "builtin" in given:
+        return builtin(given["builtin"], **{name: value for name, value in given.items() if name != "builtin"})
+    return canonical(given)
+
+
+def builtin(name: str, /, **parameters: float) -> str:
     """Return the canonical JSON of a built-in recipe. Raises `BadRecipe` for an unknown name, parameter or value."""
-    build = BUILTINS.get(name)
-    if build is None:
-        raise BadRecipe(f"recipe is {name!r}; built in are {sorted(BUILTINS)}", recipe=name)
-    known = inspect.signature(build).parameters
+    if not isinstance(name, str) or name not in BUILTINS:
+        shown = repr(name)[:NAME_CHARACTERS_MAX]
+        raise BadRecipe(f"recipe is {shown}; built in are {sorted(BUILTINS)}", recipe=shown)
+    return canonical(_build(name, parameters)) if parameters else _plain(name)
+
+
+@lru_cache
+def _plain(name: str) -> str:
+    """Built-ins without parameters are asked for with every request."""
+    return canonical(BUILTINS[name]())
+
+
+def _build(name: str, parameters: dict[str, float]) -> Node:
+    known = sorted(inspect.signature(BUILTINS[name]).parameters)
     for parameter in parameters:
         if parameter not in known:
-            raise BadRecipe(f"recipe {name!r} has no parameter {parameter!r}; it has {sorted(known)}", recipe=name)
+            shown = parameter[:NAME_CHARACTERS_MAX]
+            raise BadRecipe(f"recipe {name!r} has no parameter {shown!r}; it has {known}", recipe=name, parameter=shown)
     try:
-        return canonical(build(**parameters))
+        return validate_call(BUILTINS[name])(**parameters)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise BadRecipe(f"recipe {name!r}: {parameters}: {first['msg']}", recipe=name) from None
+        raise bad_recipe(error, parameters) from None

@@ -1,13 +1,15 @@
 """The nodes that a recipe is made of, as a user writes them in JSON: one model per node, one union of them all.
 
-A recipe is an expression tree. Each node is an object with an `op`; a bare number stands for a constant node. Every node
-is a density (or a height, or a weight) per point: a scalar that is negative in rock and positive in air. Lengths are in
-voxels, frequencies in lattice cells of the noise per voxel. Nothing in a recipe is ever run as code.
+A recipe is an expression tree. Each node is an object with an `op`; a bare number stands for a constant node. Every
+node is a density (or a height, or a weight) per point: a scalar that is negative in rock and positive in air. Lengths
+are in voxels, frequencies in lattice cells of the noise per voxel. Nothing in a recipe is ever run as code.
+
+Numbers are numbers: no string, no boolean is taken for one, and -0.0 is read as 0.0.
 """
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 MAGNITUDE_MAX: Final = float(1 << 40)
 """Largest magnitude of any number in a recipe: the extent of the world."""
@@ -15,18 +17,33 @@ FREQUENCY_MIN: Final = 2.0**-40
 FREQUENCY_MAX: Final = 1.0
 """At most one noise cell a voxel: beyond it neighbouring samples have nothing to do with each other."""
 OCTAVES_MAX: Final = 16
+RATIO_MAX: Final = 8.0
+GAIN_MIN: Final = 2.0**-10
+"""Below it an octave is lost in the rounding of the one before."""
 
-Number = Annotated[float, Field(ge=-MAGNITUDE_MAX, le=MAGNITUDE_MAX, allow_inf_nan=False)]
-Length = Annotated[float, Field(gt=0, le=MAGNITUDE_MAX, allow_inf_nan=False)]
-Frequency = Annotated[float, Field(ge=FREQUENCY_MIN, le=FREQUENCY_MAX, allow_inf_nan=False)]
-Salt = Annotated[int, Field(ge=0, lt=1 << 32)]
+
+def _without_negative_zero(value: float) -> float:
+    return value + 0.0
+
+
+Number = Annotated[
+    float,
+    Field(strict=True, ge=-MAGNITUDE_MAX, le=MAGNITUDE_MAX, allow_inf_nan=False),
+    AfterValidator(_without_negative_zero),
+]
+Length = Annotated[float, Field(strict=True, gt=0, le=MAGNITUDE_MAX, allow_inf_nan=False)]
+Frequency = Annotated[float, Field(strict=True, ge=FREQUENCY_MIN, le=FREQUENCY_MAX, allow_inf_nan=False)]
+Ratio = Annotated[float, Field(strict=True, ge=1.0, le=RATIO_MAX, allow_inf_nan=False)]
+Gain = Annotated[float, Field(strict=True, ge=GAIN_MIN, le=1.0, allow_inf_nan=False)]
+Octaves = Annotated[int, Field(strict=True, ge=1, le=OCTAVES_MAX)]
+Salt = Annotated[int, Field(strict=True, ge=0, lt=1 << 32)]
 Point = tuple[Number, Number, Number]
 
 
 class Node(BaseModel):
     """What all nodes share: frozen, hashable, and no field that is not known."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Constant(Node):
@@ -75,10 +92,16 @@ class Fbm(Node):
 
     op: Literal["fbm2", "fbm3"]
     frequency: Frequency
-    octaves: Annotated[int, Field(ge=1, le=OCTAVES_MAX)]
-    lacunarity: Annotated[float, Field(ge=1.0, le=8.0, allow_inf_nan=False)] = 2.0
-    gain: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.5
+    octaves: Octaves
+    lacunarity: Ratio = 2.0
+    gain: Gain = 0.5
     salt: Salt = 0
+
+    @model_validator(mode="after")
+    def _check_last_band(self) -> Self:
+        if self.bands()[-1][0] > FREQUENCY_MAX:
+            raise ValueError(f"the frequency of the last octave should be at most {FREQUENCY_MAX}")
+        return self
 
     def bands(self) -> list[tuple[float, float]]:
         """Return (frequency, amplitude) of each octave, by multiplication alone: a power is not the same everywhere."""

@@ -1,0 +1,137 @@
+"""From what a user wrote to canonical JSON: limits first, then the models, then one spelling for each recipe.
+
+Nothing here recurses before the depth is known, and nothing is built before its size is: a bomb costs one short walk.
+"""
+
+import json
+from collections.abc import Iterator
+from typing import Any, Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from chunkserver.errors import BadRecipe
+from chunkserver.recipe.nodes import Expression, Node
+
+SOURCE_BYTES_MAX: Final = 1 << 16
+NODES_MAX: Final = 1024
+DEPTH_MAX: Final = 64
+"""JSON levels below the root: each node is one, its numbers one more."""
+VALUES_MAX: Final = 8 * NODES_MAX
+"""JSON values in a recipe, keys not counted. A node has an op, two operands or a few numbers."""
+INTEGER_BITS_MAX: Final = 1024
+"""Larger integers do not fit a float64."""
+PATH_CHARACTERS_MAX: Final = 300
+
+_EXPRESSION: Final[TypeAdapter[Node]] = TypeAdapter(Expression)
+_EXPECTED: Final = {
+    "model_attributes_type": "should be a node (an object with an op) or a number",
+    "union_tag_not_found": "should have an op",
+    "union_tag_invalid": "should have a known op",
+    "extra_forbidden": "is not a field of this node",
+    "missing": "should be there",
+}
+"""What pydantic says in words of its own, in words of recipes. Keyed by its error types."""
+
+
+def read_json(text: str | bytes) -> object:
+    """Return parsed JSON. Raises `BadRecipe` for text that is too long, too deep, no JSON, or holds NaN or Infinity."""
+    if len(text) > SOURCE_BYTES_MAX:
+        raise BadRecipe(f"recipe has {len(text)} bytes; the limit is {SOURCE_BYTES_MAX}", bytes=len(text))
+    try:
+        parsed: object = json.loads(text, parse_constant=_no_constant)
+    except RecursionError:
+        raise _too_deep() from None
+    except ValueError as error:
+        raise BadRecipe(f"recipe is not JSON: {error}") from None
+    return parsed
+
+
+def canonical(tree: object) -> str:
+    """Return the canonical JSON of a recipe given as parsed JSON or as a node: defaults written out, keys sorted.
+
+    Equal recipes have equal canonical JSON: 1 and 1.0, 0 and -0.0, a number and its constant node are the same.
+
+    Raises `BadRecipe` that names the path of the bad node and what was expected.
+    """
+    node = tree if isinstance(tree, Node) else _validated(tree)
+    plain = node.model_dump()
+    _check_extent(plain)
+    source = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    if len(source) > SOURCE_BYTES_MAX:
+        raise BadRecipe(f"recipe has {len(source)} bytes; the limit is {SOURCE_BYTES_MAX}", bytes=len(source))
+    return source
+
+
+def parse(source: str) -> Node:
+    """Return the tree of a recipe's JSON. Raises `BadRecipe` as `read_json` and `canonical` do."""
+    return _validated(read_json(source))
+
+
+def bad_recipe(error: ValidationError, tree: object) -> BadRecipe:
+    """Return what `error` says first about `tree`, with the path to it as the user would write it: `a.b.frequency`."""
+    first = error.errors(include_url=False)[0]
+    path = ".".join(_path(first["loc"], tree))[:PATH_CHARACTERS_MAX]
+    expected = _EXPECTED.get(first["type"], first["msg"].removeprefix("Input ").removeprefix("Value error, "))
+    if "expected_tags" in first.get("ctx", {}):
+        expected += f", one of {first['ctx']['expected_tags']}"
+    return BadRecipe(f"recipe: at {path or 'the root'}: {expected}", path=path)
+
+
+def _validated(tree: object) -> Node:
+    _check_extent(tree)
+    try:
+        return _EXPRESSION.validate_python(tree)
+    except ValidationError as error:
+        raise bad_recipe(error, tree) from None
+
+
+def _check_extent(tree: object) -> None:
+    """Raise `BadRecipe` if parsed JSON passes a limit. Goes level by level, so depth cannot exhaust the stack."""
+    level, values, nodes = [tree], 0, 0
+    for _ in range(DEPTH_MAX + 1):
+        values += len(level)
+        nodes += sum(isinstance(value, dict) for value in level)
+        if values > VALUES_MAX or nodes > NODES_MAX:
+            raise BadRecipe(f"recipe is larger than {NODES_MAX} nodes, {VALUES_MAX} values", nodes_max=NODES_MAX)
+        for value in level:
+            if isinstance(value, int) and value.bit_length() > INTEGER_BITS_MAX:
+                raise BadRecipe(f"recipe has an integer of {value.bit_length()} bits", bits=value.bit_length())
+        level = [child for value in level for child in _children(value)]
+        if not level:
+            return
+    raise _too_deep()
+
+
+def _children(value: object) -> list[object]:
+    if isinstance(value, dict):
+        return list(value.values())
+    return list(value) if isinstance(value, list | tuple) else []
+
+
+def _path(location: tuple[int | str, ...], tree: Any) -> Iterator[str]:
+    """Yield the parts of `location` that are keys of `tree`: pydantic also puts the op of each node on the way."""
+    at_node = True
+    for part in location:
+        if at_node and isinstance(tree, dict) and part == tree.get("op"):
+            at_node = False
+            continue
+        if isinstance(tree, int | float) and part in {"constant", "value"}:
+            continue
+        yield str(part)
+        tree = _child(tree, part)
+        at_node = True
+
+
+def _child(tree: Any, part: int | str) -> Any:
+    try:
+        return tree[part]
+    except (KeyError, IndexError, TypeError):
+        return None
+
+
+def _no_constant(name: str) -> object:
+    raise BadRecipe(f"recipe has {name}; every number must be finite", value=name)
+
+
+def _too_deep() -> BadRecipe:
+    return BadRecipe(f"recipe is nested deeper than {DEPTH_MAX} levels", depth_max=DEPTH_MAX)
