@@ -1,0 +1,248 @@
+"""The server's end of the pipes: one worker process, and the fork server that starts them.
+
+One worker:
+
+                     pid                request
+    (fork) STARTING -----> IDLE -----------------> BUSY
+               |           |  ^                    | |
+               |           |  +------ answer ------+ |
+        end of |    end of |               end of    |  too slow: killed,
+          pipe |      pipe |                 pipe    |  then the pipe ends
+               v           v                         v
+                                  LOST
+
+A worker has at most one job, and a pipe of its own: what is lost with it is that job and nothing else. Whether the
+caller still waits does not matter here: the answer is read all the same, so the pipe never gets out of step.
+"""
+
+import asyncio
+import enum
+import logging
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final, cast
+
+from chunkserver.errors import ChunkError, DeadlinePassed, Unavailable, WireError
+from chunkserver.kernel import SOURCES_DIGEST
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.worker import ANSWER_BYTES_MAX, HEADER, REQUEST_BYTES_MAX, Answer, Warmth, frame_bytes, pack
+
+FORK_SERVER: Final = (sys.executable, "-m", "chunkserver.worker")
+FORK_SERVER_ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+"""There is a worker for each core; and a process that has threads must not fork."""
+WARM_SECONDS_MAX: Final = 120.0
+START_SECONDS_MAX: Final = 10.0
+"""From asking for a fork to the worker's first word."""
+BUFFER_BYTES: Final = 1 << 18
+"""Of each pipe, kept; a longer answer gets a buffer of its own."""
+
+_log: Final = logging.getLogger(__name__)
+
+
+@dataclass(eq=False, slots=True)
+class Job:
+    """One request on its way through the workers. `losses` counts the workers that were lost with it."""
+
+    request: ChunkRequest
+    frame: bytes
+    answer: asyncio.Future[Chunk]
+    losses: int = 0
+
+    @classmethod
+    def of(cls, request: ChunkRequest) -> "Job":
+        """Return a new job. Raises `WireError` if the request is too large for a frame."""
+        return cls(request, pack(request, REQUEST_BYTES_MAX), asyncio.get_running_loop().create_future())
+
+    def settle(self, answer: Answer) -> None:
+        """Give the caller, if still there, what a worker said."""
+        if isinstance(answer, str):
+            _log.error("%s failed: %s", self.request.key, answer.strip().replace("\n", " | "))
+            message = "the chunk could not be built; the server's log says why"
+            answer = ChunkError(message, key=list(self.request.key))
+        if self.answer.done():
+            return
+        if isinstance(answer, Chunk):
+            self.answer.set_result(answer)
+        else:
+            self.answer.set_exception(answer)
+
+
+class _Pipe(asyncio.BufferedProtocol):
+    """One end of a socket on which the other end has at most one frame under way. Anything else ends it.
+
+    It reads into a buffer that it keeps: a fresh one for each read costs the loop more than all the rest of an answer.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = bytearray(BUFFER_BYTES)
+        self._filled = 0
+        self._transport: asyncio.Transport | None = None
+
+    def arrived(self, value: Any) -> None:
+        raise NotImplementedError
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast("asyncio.Transport", transport)
+
+    def get_buffer(self, _sizehint: int) -> memoryview:
+        return memoryview(self._buffer)[self._filled :]
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self._filled += nbytes
+        try:
+            self._take_frame()
+        except WireError as error:
+            _log.error("a pipe is out of step: %s", error)
+            self.abort()
+
+    def _take_frame(self) -> None:
+        if self._filled < HEADER.size:
+            return
+        end = HEADER.size + frame_bytes(bytes(self._buffer[: HEADER.size]), ANSWER_BYTES_MAX)
+        if self._filled > end:
+            raise WireError(f"{self._filled - end} bytes follow a frame", bytes=self._filled - end)
+        if self._filled == end:
+            value = pickle.loads(memoryview(self._buffer)[HEADER.size : end])
+            self._filled = 0
+            if end > BUFFER_BYTES:
+                self._buffer = bytearray(BUFFER_BYTES)
+            self.arrived(value)
+        elif end > len(self._buffer):
+            self._buffer = self._buffer + bytearray(end - len(self._buffer))
+
+    def write(self, frame: bytes) -> None:
+        assert self._transport is not None
+        self._transport.write(frame)
+
+    def abort(self) -> None:
+        """Close at once; `connection_lost` follows when the loop comes round."""
+        if self._transport is not None:
+            self._transport.abort()
+
+
+class _State(enum.Enum):
+    STARTING = enum.auto()
+    IDLE = enum.auto()
+    BUSY = enum.auto()
+    LOST = enum.auto()
+
+
+class Worker(_Pipe):
+    """One worker process, as drawn above. `idle` and `lost` are told when it gets there."""
+
+    def __init__(self, idle: Callable[["Worker"], None], lost: Callable[["Worker"], None]) -> None:
+        super().__init__()
+        self.pid = 0
+        self.job: Job | None = None
+        self.started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._state = _State.STARTING
+        self._idle = idle
+        self._lost = lost
+        self._clock: asyncio.TimerHandle | None = None
+
+    def give(self, job: Job, build_seconds_max: float) -> None:
+        """Send `job` to this idle worker, and kill the worker if it takes longer than that."""
+        self._state, self.job = _State.BUSY, job
+        self.write(job.frame)
+        self._clock = asyncio.get_running_loop().call_later(build_seconds_max, self._hung, job, build_seconds_max)
+
+    def kill(self) -> None:
+        """End it, whatever it does."""
+        if self.pid != 0 and self._state is not _State.LOST:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
+        self.abort()
+
+    def arrived(self, value: Any) -> None:
+        """Take its first word, which is its pid, or an answer. Raises `WireError` for a word that nobody asked for."""
+        if self._state is _State.STARTING:
+            self.pid = value
+            self.started.set_result(None)
+        elif self.job is None:
+            raise WireError("a worker answers what nobody has asked", pid=self.pid)
+        else:
+            self._stop_clock()
+            self.job.settle(value)
+        self._state, self.job = _State.IDLE, None
+        self._idle(self)
+
+    def _hung(self, job: Job, build_seconds_max: float) -> None:
+        _log.error("worker %d takes over %g s for %s: it is killed", self.pid, build_seconds_max, job.request.key)
+        message = f"the chunk took longer than {build_seconds_max:g} s to build"
+        job.settle(DeadlinePassed(message, build_seconds_max=build_seconds_max))
+        self.kill()
+
+    def connection_lost(self, _error: Exception | None) -> None:
+        """Be lost."""
+        self._stop_clock()
+        self._state = _State.LOST
+        if not self.started.done():
+            self.started.set_exception(ConnectionError("a worker ended before its first word"))
+        self._lost(self)
+
+    def _stop_clock(self) -> None:
+        if self._clock is not None:
+            self._clock.cancel()
+
+
+class ForkServer(_Pipe):
+    """The server's one child: warms, then forks a worker on request. It leads the group of all workers."""
+
+    def __init__(self, command: Sequence[str], ended: Callable[[], None]) -> None:
+        super().__init__()
+        self.alive = True
+        self._ended = ended
+        self._warmth: asyncio.Future[Warmth] = asyncio.get_running_loop().create_future()
+        self._control, theirs = socket.socketpair()
+        with theirs:
+            self._child = subprocess.Popen(
+                [*command, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                env={**os.environ, **FORK_SERVER_ENVIRONMENT},
+                start_new_session=True,  # Ctrl-C in a terminal reaches the server alone, which then ends us
+            )
+
+    async def connect(self) -> Warmth:
+        """Return when it is warm. Raises OSError if it ends or takes too long, `Unavailable` if its sources differ."""
+        await asyncio.get_running_loop().create_connection(lambda: self, sock=self._control)
+        async with asyncio.timeout(WARM_SECONDS_MAX):
+            warmth = await self._warmth
+        if warmth.sources != SOURCES_DIGEST:
+            message = "the sources on disk are no longer those that this server runs; restart it"
+            raise Unavailable(message, sources=SOURCES_DIGEST, on_disk=warmth.sources)
+        return warmth
+
+    async def fork(self, worker: Worker) -> None:
+        """Start `worker`. Raises OSError if it says nothing in time, ConnectionError if it ends instead."""
+        ours, theirs = socket.socketpair()
+        with theirs:
+            socket.send_fds(self._control, [b"f"], [theirs.fileno()])
+        await asyncio.get_running_loop().create_connection(lambda: worker, sock=ours)
+        async with asyncio.timeout(START_SECONDS_MAX):
+            await worker.started
+
+    async def end(self) -> None:
+        """Kill it with all its workers, and wait until it has ended."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._child.pid, signal.SIGKILL)
+        self.abort()
+        await asyncio.to_thread(self._child.wait)
+
+    def arrived(self, value: Any) -> None:
+        """Take its only word."""
+        self._warmth.set_result(Warmth(*value))
+
+    def connection_lost(self, _error: Exception | None) -> None:
+        """Note that it has ended."""
+        self.alive = False
+        if not self._warmth.done():
+            self._warmth.set_exception(ConnectionError("the fork server ended before it was warm"))
+        self._ended()

@@ -1,0 +1,197 @@
+"""Worker processes, from the inside: the fork server, the workers that it forks, and what is said on their pipes.
+
+    server ---- control ----> fork server     the server's one child: imports and warms everything, once
+       |                           | fork
+       +-------- pipe -------> worker         shares the fork server's memory; builds one chunk at a time
+
+    control   <- Warmth, once                 -> one byte with a socket: fork a worker that serves it
+    pipe      <- pid, once; then an Answer for each request       -> ChunkRequest
+
+Each message is a frame: u32 little-endian length, then that many bytes of pickle. Both ends run the same code.
+
+Nothing outlives the server, however it ends: its end of the control socket closes with it, and the fork server then
+kills its process group, so that a worker that hangs ends too. SIGINT and SIGTERM are ignored here: a stop that reaches
+the whole group lets the server finish what it has begun. Nothing here knows asyncio or loads the web stack.
+"""
+
+import fcntl
+import gc
+import os
+import pickle
+import shutil
+import signal
+import socket
+import struct
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, BinaryIO, Final, NamedTuple
+
+from chunkserver.errors import ChunkError, WireError
+from chunkserver.grid import CELLS_BUILT, ChunkKey
+from chunkserver.kernel import CACHE_DIR, SOURCES_DIGEST, cache_root
+from chunkserver.mesher import MESHERS
+from chunkserver.pipeline import Chunk, ChunkRequest, build_chunk
+from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
+from chunkserver.wire import FORMATS, Encoding
+
+HEADER: Final = struct.Struct("<I")
+REQUEST_BYTES_MAX: Final = 1 << 18
+ANSWER_BYTES_MAX: Final = 1 << 27
+"""A chunk of 64 cells, all of them active, in the widest profile is about a third of this."""
+
+CACHE_FOLDERS_MAX: Final = 8
+"""Folders of compiled code that `warm` keeps, the current one included."""
+
+Answer = Chunk | ChunkError | str
+"""What a worker says to a request: the chunk, an error of ours, or the traceback of anything else (for the log)."""
+Build = Callable[[ChunkRequest], Chunk]
+
+
+class Warmth(NamedTuple):
+    """What `warm` did.
+
+    sources: `SOURCES_DIGEST` of the code that was warmed.
+    compiled: how many functions had to be compiled; 0 if all of them were on disk.
+    seconds: how long it took.
+    """
+
+    sources: str
+    compiled: int
+    seconds: float
+
+
+def pack(value: object, bytes_max: int) -> bytes:
+    """Return the frame of `value`. Raises `WireError` if it has more than `bytes_max` bytes."""
+    pickled = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+    frame = HEADER.pack(len(pickled)) + pickled
+    frame_bytes(frame[: HEADER.size], bytes_max)
+    return frame
+
+
+def frame_bytes(header: bytes, bytes_max: int) -> int:
+    """Return how many bytes follow `header`. Raises `WireError` if it is torn or they are more than `bytes_max`."""
+    if len(header) < HEADER.size:
+        raise WireError(f"a frame's header ends after {len(header)} bytes", bytes=len(header))
+    (length,) = HEADER.unpack(header)
+    if length > bytes_max:
+        raise WireError(f"a frame has {length} bytes; the limit is {bytes_max}", bytes=length, bytes_max=bytes_max)
+    return int(length)
+
+
+def receive(pipe: BinaryIO, bytes_max: int) -> Any:
+    """Return the next value from `pipe`, or None at its end. Raises `WireError` on a torn or oversized frame."""
+    header = pipe.read(HEADER.size)
+    if not header:
+        return None
+    length = frame_bytes(header, bytes_max)
+    pickled = pipe.read(length)
+    if len(pickled) < length:
+        raise WireError(f"a frame of {length} bytes ends after {len(pickled)}", bytes=len(pickled))
+    return pickle.loads(pickled)
+
+
+def serve(pipe: socket.socket, build: Build = build_chunk) -> None:
+    """Be a worker: say our pid, then answer each request until the pipe ends. Raises what `receive` raises."""
+    with pipe, pipe.makefile("rb") as requests:
+        pipe.sendall(pack(os.getpid(), ANSWER_BYTES_MAX))
+        while (request := receive(requests, REQUEST_BYTES_MAX)) is not None:
+            pipe.sendall(_answer(request, build))
+
+
+def _answer(request: ChunkRequest, build: Build) -> bytes:
+    try:
+        return pack(_attempt(request, build), ANSWER_BYTES_MAX)
+    except Exception:  # noqa: BLE001 - whatever it was, it is this request's alone: the worker lives on
+        return pack(traceback.format_exc(), ANSWER_BYTES_MAX)
+
+
+def _attempt(request: ChunkRequest, build: Build) -> Chunk | ChunkError:
+    try:
+        return build(request)
+    except ChunkError as error:
+        return error
+
+
+def warm() -> Warmth:
+    """Compile, or load from disk, every kernel that any chunk needs; then forget the oldest folders of compiled code.
+
+    Safe in many processes at once: one compiles, the others wait and load. Raises OSError if the cache folder cannot
+    be written.
+    """
+    started = time.perf_counter()
+    with _locked_cache():
+        before = _compiled()
+        for request in warm_requests():
+            build_chunk(request)
+        compiled = _compiled() - before
+        _forget_old_folders()
+    return Warmth(SOURCES_DIGEST, compiled, time.perf_counter() - started)
+
+
+def warm_requests() -> Iterator[ChunkRequest]:
+    """Yield small requests that between them run every kernel: each recipe; a surface in each mesher and encoding."""
+    key, cells = ChunkKey(0, 0, 0, 0), min(CELLS_BUILT)
+    for name in BUILTINS:
+        yield ChunkRequest(WorldRecipe(0, builtin(name)), key, cells)
+    ball = WorldRecipe(0, builtin("sphere", radius=cells / 2))
+    for mesher in MESHERS:
+        for row in FORMATS.values():
+            for profile in row.profiles:
+                yield ChunkRequest(ball, key, cells, mesher=mesher, encoding=Encoding(row.name, profile))
+
+
+def _compiled() -> int:
+    return sum(1 for _ in CACHE_DIR.rglob("*.nbc"))
+
+
+@contextmanager
+def _locked_cache() -> Iterator[None]:
+    """Hold the cache alone: Numba's index of a cache is corrupted when two processes write it at once."""
+    CACHE_DIR.mkdir(parents=True, exist_ok=True)
+    with (cache_root() / "warm.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # given back by the kernel, however we end
+        yield
+
+
+def _forget_old_folders() -> None:
+    os.utime(CACHE_DIR)
+    others = [folder for folder in cache_root().glob("kernels-*") if folder != CACHE_DIR]
+    others.sort(key=lambda folder: folder.stat().st_mtime, reverse=True)
+    for folder in others[CACHE_FOLDERS_MAX - 1 :]:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def main(build: Build = build_chunk, warm_up: Callable[[], Warmth] = warm) -> None:
+    """Be the fork server on the control socket whose descriptor is `sys.argv[1]`, until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    with socket.socket(fileno=int(sys.argv[1])) as control, suppress(ConnectionError):
+        control.sendall(pack(tuple(warm_up()), ANSWER_BYTES_MAX))
+        signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps: no worker is ever left as a zombie
+        gc.collect()
+        gc.freeze()  # a worker's collections leave the shared pages alone
+        while descriptors := socket.recv_fds(control, 1, 1)[1]:
+            _fork(control, socket.socket(fileno=descriptors[0]), build)
+    with suppress(ProcessLookupError):  # when run by hand we lead no group
+        os.killpg(os.getpid(), signal.SIGKILL)
+
+
+def _fork(control: socket.socket, pipe: socket.socket, build: Build) -> None:
+    with pipe:
+        if os.fork() != 0:
+            return
+        try:
+            control.close()  # the only descriptor of the fork server's that we hold: with it, its end would be hidden
+            with suppress(ConnectionError):
+                serve(pipe, build)
+        except BaseException:  # noqa: BLE001 - nothing may unwind into the fork server's frames
+            traceback.print_exc()
+        finally:
+            os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

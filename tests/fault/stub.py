@@ -1,0 +1,76 @@
+"""A fork server whose workers do what the request's recipe says, in place of building a chunk. Run as a script."""
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from chunkserver.errors import BadKey
+from chunkserver.grid import ChunkKey
+from chunkserver.kernel import SOURCES_DIGEST
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.recipe import WorldRecipe
+from chunkserver.worker import Warmth, main
+
+ROOT = Path(__file__).parents[2]
+COMMAND = (sys.executable, __file__)
+BODY_BYTES = 60_000
+
+
+def ask(deed: str = "answer", argument: str = "", x: int = 0) -> ChunkRequest:
+    """Return a request that makes a worker of ours do `deed` and answer with `answer(x)`."""
+    return ChunkRequest(WorldRecipe(0, json.dumps([deed, argument])), ChunkKey(0, x, 0, 0))
+
+
+def answer(x: int) -> Chunk:
+    return Chunk("surface", f"{x} ".encode() * (BODY_BYTES // len(f"{x} ")))
+
+
+def die(marker: str) -> None:
+    """Be killed: each time, or only if `marker` names no file yet."""
+    if not marker or not Path(marker).exists():
+        if marker:
+            Path(marker).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuse(_: str) -> None:
+    raise BadKey("x is out of this world", x=7)
+
+
+def fail(_: str) -> None:
+    raise RuntimeError("a fault of ours")
+
+
+def hang(marker: str) -> None:
+    """Say so by touching `marker`, and never return."""
+    if marker:
+        Path(marker).touch()
+    while True:
+        time.sleep(60)
+
+
+DEEDS = {
+    "answer": lambda _: None,
+    "sleep": lambda seconds: time.sleep(float(seconds)),
+    "die": die,
+    "refuse": refuse,
+    "fail": fail,
+    "hang": hang,
+}
+
+
+def build(request: ChunkRequest) -> Chunk:
+    deed, argument = json.loads(request.recipe.source)
+    if deed == "size":
+        return Chunk("surface", bytes(int(argument)))
+    if deed == "tell":
+        return Chunk("surface", json.dumps({"pid": os.getpid(), "modules": sorted(sys.modules)}).encode())
+    DEEDS[deed](argument)
+    return answer(request.key.x)
+
+
+if __name__ == "__main__":
+    main(build, lambda: Warmth(SOURCES_DIGEST, 0, 0.0))

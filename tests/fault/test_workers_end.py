@@ -1,0 +1,97 @@
+"""What workers share with the server, what the signals of its group do to them, and what is left when it has ended."""
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from chunkserver.errors import WorkerLost
+from chunkserver.server.pool import LOSSES_MAX
+from tests.fault import stub
+from tests.fault.pools import alive, children, fork_server, right, running, until, workers
+
+
+def test_a_stop_of_the_whole_group_is_the_servers_to_answer(run):
+    async def scenario():
+        async with running() as pool:
+            everyone = fork_server(), *workers()
+            slow = [asyncio.create_task(pool.build(stub.ask("sleep", "0.1", x))) for x in range(4)]
+            await asyncio.sleep(0)
+            for signal_number in (signal.SIGINT, signal.SIGTERM):
+                os.killpg(everyone[0], signal_number)
+            assert await asyncio.gather(*slow) == [stub.answer(x) for x in range(4)]
+            assert (fork_server(), *workers()) == everyone
+
+    run(scenario())
+
+
+def test_a_worker_has_its_pipe_and_nothing_else_of_the_server(run):
+    async def scenario():
+        async with running(workers=3) as pool:
+            os.kill(workers()[0], signal.SIGKILL)
+            await until(lambda: len(workers()) == 3)
+            for pid in workers():
+                files = [str(link.readlink()) for link in Path(f"/proc/{pid}/fd").iterdir()]
+                assert len([file for file in files if file.startswith("socket:")]) == 1
+                assert len(files) == 4, "stdin, stdout, stderr and the pipe"
+            told = json.loads((await pool.build(stub.ask("tell"))).body)
+            assert told["pid"] in workers()
+            web = {"asyncio", "fastapi", "starlette", "uvicorn", "uvloop", "httptools", "typer"}
+            assert not web & set(told["modules"])
+
+    run(scenario())
+
+
+def open_files(pid: int | str) -> int:
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+def test_no_descriptor_or_zombie_is_left_by_200_lost_workers(run):
+    async def scenario():
+        async with running(workers=2) as pool:
+            ours, theirs = open_files("self"), open_files(fork_server())
+            for _ in range(200 // LOSSES_MAX):
+                with pytest.raises(WorkerLost):
+                    await pool.build(stub.ask("die"))
+            await right(pool, 1, 2)
+            await until(lambda: len(workers()) == 2)
+            await until(lambda: (open_files("self"), open_files(fork_server())) == (ours, theirs))
+            assert not children(fork_server(), zombies=True)
+
+    run(scenario())
+
+
+SERVER = """
+import asyncio, sys
+from tests.fault import stub
+from chunkserver.server.pool import Pool
+
+async def serve():
+    pool = Pool(2, command=stub.COMMAND)
+    await pool.start()
+    await pool.wait_ready()
+    hung = asyncio.create_task(pool.build(stub.ask("hang", sys.argv[1])))
+    await asyncio.sleep(600)
+
+asyncio.run(serve())
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_nothing_outlives_the_server_by_a_second(run, how, tmp_path):
+    async def scenario():
+        marker = tmp_path / "hangs"
+        server = await asyncio.create_subprocess_exec(sys.executable, "-c", SERVER, str(marker), cwd=stub.ROOT)
+        await until(marker.exists)
+        (forker,) = children(server.pid)
+        everyone = [forker, *children(forker)]
+        assert len(everyone) == 3
+        server.send_signal(how)
+        assert await server.wait() == -how
+        await until(lambda: not any(alive(pid) for pid in everyone), 1.0)
+
+    run(scenario())
