@@ -8,8 +8,8 @@ What passes between them is a block of BLOCK points that stays in the first-leve
 off, only small numbers are left: noise is as smooth at 2**40 voxels as at the origin.
 
 A lattice corner is hashed axis by axis, from all 64 bits of its coordinate, and the axes' hashes are added and stirred
-once more; the corner's gradient is picked by the top bits. Nothing here repeats: the stirring of each axis breaks up
-what a linear hash would have, a vector by which all noise can be shifted onto itself.
+once more; the corner's gradient is picked by the top bits. The stirring of each axis breaks up what a linear hash
+would have: a vector by which all noise can be shifted onto itself.
 
 Only + - * and comparisons: the same bits on every machine. `tests/reference/field_twin.py` says it all again in plain
 Python, point by point.

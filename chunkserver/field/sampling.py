@@ -14,7 +14,7 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
     """Return the densities of chunk `key`, band-limited to its level, every sample worked out anew.
 
     Each sample depends on its lattice point, the recipe and the level alone, so chunks that share a point agree to the
-    bit (`tests/property/test_neighbours.py`).
+    bit (`tests/property/test_field_neighbours.py`).
 
     Raises `BadKey` for a key outside the world, `BadParameter` for a shape that is not built, `BadRecipe` for a recipe
     that passes a limit. An empty chunk is no error.

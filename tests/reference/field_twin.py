@@ -4,6 +4,8 @@ Numbers are numpy scalars, so every step rounds where its type says. Nothing is 
 `chunkserver.field` but the tables of constants, the keys of noises and the fade rule.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from chunkserver.field import noise
@@ -29,7 +31,7 @@ def axis_hash(i: int, axis: int, key: int) -> int:
     return stir(low * AXES[axis] + high * int(noise.PAGE) + key & MASK_32, noise.ROUND_1)
 
 
-def corner_hash(corner: dict[int, int], keys: tuple[int, int, int]) -> int:
+def corner_hash(corner: dict[int, int], keys: Sequence[int]) -> int:
     """Hash a lattice corner, given as {axis: coordinate}."""
     total = sum(axis_hash(i, axis, keys[axis]) for axis, i in corner.items())
     return stir(total & MASK_32, noise.ROUND_2)
@@ -52,7 +54,7 @@ def dot2(bits: int, dx: np.float32, dz: np.float32) -> np.float32:
     return flip(a, bits >> 31) + flip(b, bits >> 30 & 1)
 
 
-def gradient2(x: np.float64, z: np.float64, keys: tuple[int, int, int]) -> np.float32:
+def gradient2(x: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
     (ix, fx), (iz, fz) = split(x), split(z)
     value = {}
     for a in (0, 1):
@@ -69,7 +71,7 @@ def quintic(t: np.float32) -> np.float32:
     return t * t * t * (t * (t * f32(6) - f32(15)) + f32(10))
 
 
-def simplex3(x: np.float64, y: np.float64, z: np.float64, keys: tuple[int, int, int]) -> np.float32:
+def simplex3(x: np.float64, y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
     cells, parts = zip(*(split(c) for c in (x, y, z)), strict=True)
     total = sum(cells)
     q = int(np.rint(np.float64(total) * (1 / 3) - 2))
@@ -105,12 +107,13 @@ def simplex_corner(bits: int, dx: np.float32, dy: np.float32, dz: np.float32) ->
     return (left * left) * (left * left) * (flip(u, bits >> 31) + flip(v, bits >> 30 & 1))
 
 
-def octave(node: nodes.Node, band: int, size: tuple[float, float], point: list[np.float64], seed: int) -> np.float32:
+def octave(
+    node: nodes.Simplex3 | nodes.Fbm, band: int, frequency: float, seed: int, point: list[np.float64]
+) -> np.float32:
     """Return one octave of noise at a point: 3-D simplex, or 2-D gradient noise for `fbm2`."""
-    frequency, _ = size
     offsets, keys = noise_name(seed, node.salt, band)
-    at = [c * frequency + offset for c, offset in zip(point, offsets, strict=True)]
-    return gradient2(at[0], at[2], keys) if node.op == "fbm2" else simplex3(*at, keys)
+    x, y, z = (c * frequency + offset for c, offset in zip(point, offsets, strict=True))
+    return gradient2(x, z, keys) if node.op == "fbm2" else simplex3(x, y, z, keys)
 
 
 def evaluate(node: nodes.Node, seed: int, lod: int, point: list[np.float64]) -> np.float32:
@@ -124,18 +127,29 @@ def evaluate(node: nodes.Node, seed: int, lod: int, point: list[np.float64]) -> 
             dx, dy, dz = (c - center for c, center in zip(point, node.center, strict=True))
             return f32(np.sqrt(dx * dx + dy * dy + dz * dz) - node.radius)
         case nodes.Simplex3():
-            bands, first = [(node.frequency, 1.0)], 0
+            return octaves(node, [(node.frequency, 1.0)], 0, seed, lod, point)
         case nodes.Fbm():
-            bands, first = node.bands(), 1
+            return octaves(node, node.bands(), 1, seed, lod, point)
         case nodes.Binary():
-            a, b = evaluate(node.a, seed, lod, point), evaluate(node.b, seed, lod, point)
-            return combine(node.op, a, b)
+            return combine(node.op, evaluate(node.a, seed, lod, point), evaluate(node.b, seed, lod, point))
+    raise AssertionError(f"the twin does not know {node}")
+
+
+def octaves(
+    node: nodes.Simplex3 | nodes.Fbm,
+    bands: list[tuple[float, float]],
+    first: int,
+    seed: int,
+    lod: int,
+    point: list[np.float64],
+) -> np.float32:
+    """Sum octaves of (frequency, amplitude), numbered from `first`, each faded for the level."""
     total = sum(amplitude for _, amplitude in bands)
     value = f32(0)
-    for k, band in enumerate(bands):
-        faded = band[1] / total * weight(1 / band[0], lod)
+    for band, (frequency, amplitude) in enumerate(bands, first):
+        faded = amplitude / total * weight(1 / frequency, lod)
         if faded != 0:
-            value = value + f32(faded) * octave(node, first + k, band, point, seed)
+            value = value + f32(faded) * octave(node, band, frequency, seed, point)
     return value
 
 
@@ -151,3 +165,11 @@ def combine(op: str, a: np.float32, b: np.float32) -> np.float32:
             return a if a < b else b
         case _:
             return a if a > b else b
+
+
+def density(node: nodes.Node, seed: int, lod: int, point: list[np.float64]) -> np.float32:
+    """Return the density at one point as `sample` gives it: clamped, and air where it is not a number."""
+    value = evaluate(node, seed, lod, point)
+    if np.isnan(value):
+        return f32(65536)
+    return min(max(value, f32(-65536)), f32(65536))

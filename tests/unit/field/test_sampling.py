@@ -1,0 +1,143 @@
+"""One chunk's samples: each node against numpy, the lattice, far away, and what is refused."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from chunkserver.errors import BadKey, BadParameter
+from chunkserver.field import sample
+from chunkserver.field.tape import noise_name
+from chunkserver.grid import ChunkKey, ChunkShape
+from chunkserver.recipe import WorldRecipe, builtin, canonical
+from tests.reference import field_oracle
+
+SEED = 7
+SHAPE = ChunkShape(16)
+KEY = ChunkKey(0, -1, 0, 1)
+
+
+def density(tree: object, key: ChunkKey = KEY, shape: ChunkShape = SHAPE) -> NDArray[np.float32]:
+    return sample(WorldRecipe(SEED, canonical(tree)), key, shape).density
+
+
+def lattice(key: ChunkKey = KEY, shape: ChunkShape = SHAPE) -> tuple[NDArray[np.float64], ...]:
+    """Return x, y, z of a chunk's samples, each in the samples' own shape (y, z, x)."""
+    low = key.low_corner(shape.cells)
+    along = [np.float64(low[axis]) + key.step * (np.arange(shape.samples) - shape.apron) for axis in range(3)]
+    y, z, x = np.meshgrid(along[1], along[2], along[0], indexing="ij")
+    return x, y, z
+
+
+def noise_of(basis: str, frequency: float, salt: int, octave: int, at: tuple[NDArray[np.float64], ...]):
+    offsets, keys = noise_name(SEED, salt, octave)
+    points = np.stack([c.ravel() * frequency + offset for c, offset in zip(at, offsets, strict=True)], 1)
+    return getattr(field_oracle, basis)(points, keys).reshape(at[0].shape)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_axes(axis):
+    assert np.array_equal(density({"op": axis}), lattice()["xyz".index(axis)])
+
+
+@pytest.mark.parametrize("value", [0, -3.5, 0.1])
+def test_constant(value):
+    assert np.array_equal(density(value), np.full((19,) * 3, np.float32(value)))
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [("add", np.add), ("subtract", np.subtract), ("multiply", np.multiply), ("min", np.minimum), ("max", np.maximum)],
+)
+def test_binaries(name, of):
+    x, _, z = lattice()
+    assert np.array_equal(density({"op": name, "a": {"op": "x"}, "b": {"op": "z"}}), of(x, z))
+
+
+def test_sphere():
+    x, y, z = lattice()
+    expected = np.sqrt((x - 1.5) ** 2 + (y + 2) ** 2 + (z - 30) ** 2) - 9.25
+    assert np.abs(density({"op": "sphere", "center": [1.5, -2, 30], "radius": 9.25}) - expected).max() < 2e-6
+
+
+def test_simplex3():
+    expected = noise_of("simplex3", 0.07, 3, 0, lattice())
+    assert np.abs(density({"op": "simplex3", "frequency": 0.07, "salt": 3}) - expected).max() < 3e-6
+
+
+@pytest.mark.parametrize(("name", "basis"), [("fbm2", "gradient2"), ("fbm3", "simplex3")])
+def test_fbm(name, basis):
+    node = {"op": name, "frequency": 0.03, "octaves": 3, "lacunarity": 2.5, "gain": 0.4, "salt": 9}
+    octaves = [noise_of(basis, 0.03 * 2.5**k, 9, k + 1, lattice()) * 0.4**k for k in range(3)]
+    assert np.abs(density(node) - sum(octaves) / (1 + 0.4 + 0.16)).max() < 3e-6
+
+
+@pytest.mark.parametrize(("value", "expected"), [(1e6, 65536), (-1e6, -65536), (65536, 65536), (-65535, -65535)])
+def test_the_field_is_clamped(value, expected):
+    assert np.unique(density(value)) == [expected]
+
+
+def test_what_is_not_a_number_is_air():
+    """Infinity minus infinity: a recipe may overflow float32, but no NaN leaves the field."""
+    huge: object = 1e12
+    for _ in range(3):
+        huge = {"op": "multiply", "a": huge, "b": huge}
+    assert np.unique(density({"op": "subtract", "a": huge, "b": huge})) == [65536]
+
+
+@pytest.mark.parametrize("cells", [16, 32, 64])
+@pytest.mark.parametrize("apron", [1, 2])
+def test_every_chunk_shape(cells, apron):
+    shape = ChunkShape(cells, apron)
+    x, y, z = lattice(KEY, shape)
+    samples = sample(WorldRecipe(0, builtin("sphere", radius=cells)), KEY, shape)
+    assert samples.shape == shape
+    assert samples.density.shape == (cells + 1 + 2 * apron,) * 3
+    assert np.abs(samples.density - (np.sqrt(x * x + y * y + z * z) - cells)).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        ChunkKey(0, 6_400_000 // 32, 0, 0),
+        ChunkKey(0, 0, -6_400_000 // 32, -1),
+        ChunkKey(0, 6_400_000 * 3 // 5 // 32, 6_400_000 * 4 // 5 // 32, -1),
+    ],
+)
+def test_a_sphere_of_the_size_of_the_earth_is_round(key):
+    """Within 1/1024 voxel of the exact distance, worked out in integers: (d - r)(d + r) = d^2 - r^2."""
+    radius = 6_400_000
+    got = sample(WorldRecipe(0, builtin("sphere", radius=radius)), key, SHAPE._replace(cells=32)).density
+    x, y, z = (c.astype(np.int64) for c in lattice(key, ChunkShape(32)))
+    square = x * x + y * y + z * z
+    exact = (square - radius * radius) / (np.sqrt(square.astype(np.longdouble)) + radius)
+    assert np.abs(exact).min() < 1, "the chunk does hold the surface"
+    assert np.abs(got - exact).max() < 1 / 1024
+
+
+@pytest.mark.parametrize(("x", "z"), [(2**36, 2**36), (-(2**36), 2**36 - 32), (2**36 - 64, -(2**36))])
+def test_hills_at_2_to_the_36_are_smooth_to_a_1024th_of_a_voxel(x, z):
+    """Against hills of the same cells and fractions in exact arithmetic there is nothing to compare with, so: the third
+    differences along a row are those of a smooth curve, as near the origin."""
+    rows = density({"op": "fbm2", "frequency": 1 / 64, "octaves": 1}, ChunkKey(0, x // 32, 0, z // 32), ChunkShape(32))
+    near = density({"op": "fbm2", "frequency": 1 / 64, "octaves": 1}, ChunkKey(0, 0, 0, 0), ChunkShape(32))
+    for field in (rows, near):
+        third = np.diff(24 * field.astype(np.float64), 3, axis=2)
+        assert np.abs(third).max() < 24 * 60 / 64**3 + 1 / 1024
+
+
+def test_a_world_is_its_seed():
+    noises = [sample(WorldRecipe(seed, builtin("caves")), KEY, SHAPE).density for seed in (7, 8, 7)]
+    assert np.array_equal(noises[0], noises[2])
+    assert not np.array_equal(noises[0], noises[1])
+
+
+def test_bad_keys_and_shapes_are_refused():
+    recipe = WorldRecipe(7, builtin("plane"))
+    with pytest.raises(BadKey):
+        sample(recipe, ChunkKey(21, 0, 0, 0), SHAPE)
+    with pytest.raises(BadKey):
+        sample(recipe, ChunkKey(0, 2**36, 0, 0), SHAPE)
+    with pytest.raises(BadParameter):
+        sample(recipe, KEY, ChunkShape(17))
+    with pytest.raises(BadParameter):
+        sample(recipe, KEY, ChunkShape(16, 0))
