@@ -9,7 +9,7 @@ from pydantic import ValidationError, validate_call
 
 from chunkserver.errors import BadRecipe
 from chunkserver.recipe.nodes import Axis, Binary, Constant, Fbm, Length, Node, Number, Simplex3, Sphere
-from chunkserver.recipe.reading import bad_recipe, canonical
+from chunkserver.recipe.reading import bad_recipe, canonical_tree, read_json
 
 RELIEF_VOXELS: Final = 24.0
 CAVE_FREQUENCY: Final = 0.05
@@ -74,18 +74,23 @@ BUILTINS: Final[dict[str, Builtin]] = {
 }
 
 
-def resolve(given: object) -> str:
-    """Return the canonical JSON of what a user may give as a recipe.
+def canonical(given: object) -> str:
+    """Return the canonical JSON of whatever a user may give as a recipe.
 
-    given: parsed JSON: the name of a built-in, `{"builtin": name, parameter: value, ...}`, or an expression tree.
+    given: the name of a built-in, `{"builtin": name, parameter: value, ...}`, or an expression tree; parsed JSON, or
+        JSON itself as bytes. A tree may also be a node.
 
-    Raises `BadRecipe` as `builtin` and `canonical` do.
+    Equal recipes have equal canonical JSON: 1 and 1.0, 0 and -0.0, a number and its constant node are the same.
+
+    Raises `BadRecipe` that names the path of what is bad and says what was expected.
     """
+    if isinstance(given, bytes):
+        given = read_json(given)
     if isinstance(given, str):
         return builtin(given)
     if isinstance(given, dict) and "builtin" in given:
         return builtin(given["builtin"], **{name: value for name, value in given.items() if name != "builtin"})
-    return canonical(given)
+    return canonical_tree(given)
 
 
 def builtin(name: str, /, **parameters: float) -> str:
@@ -93,13 +98,13 @@ def builtin(name: str, /, **parameters: float) -> str:
     if not isinstance(name, str) or name not in BUILTINS:
         shown = repr(name)[:NAME_CHARACTERS_MAX]
         raise BadRecipe(f"recipe is {shown}; built in are {sorted(BUILTINS)}", recipe=shown)
-    return canonical(_build(name, parameters)) if parameters else _plain(name)
+    return canonical_tree(_build(name, parameters)) if parameters else _plain(name)
 
 
 @lru_cache
 def _plain(name: str) -> str:
     """Built-ins without parameters are asked for with every request."""
-    return canonical(BUILTINS[name]())
+    return canonical_tree(BUILTINS[name]())
 
 
 def _build(name: str, parameters: dict[str, float]) -> Node:

@@ -4,7 +4,8 @@ Nothing here recurses before the depth is known, and nothing is built before its
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
@@ -46,8 +47,8 @@ def read_json(text: str | bytes) -> object:
     return parsed
 
 
-def canonical(tree: object) -> str:
-    """Return the canonical JSON of a recipe given as parsed JSON or as a node: defaults written out, keys sorted.
+def canonical_tree(tree: object) -> str:
+    """Return the canonical JSON of a tree given as parsed JSON or as a node: defaults written out, keys sorted.
 
     Equal recipes have equal canonical JSON: 1 and 1.0, 0 and -0.0, a number and its constant node are the same.
 
@@ -63,7 +64,7 @@ def canonical(tree: object) -> str:
 
 
 def parse(source: str) -> Node:
-    """Return the tree of a recipe's JSON. Raises `BadRecipe` as `read_json` and `canonical` do."""
+    """Return the tree of a recipe's JSON. Raises `BadRecipe` as `read_json` and `canonical_tree` do."""
     return _validated(read_json(source))
 
 
@@ -96,16 +97,17 @@ def _check_extent(tree: object) -> None:
         for value in level:
             if isinstance(value, int) and value.bit_length() > INTEGER_BITS_MAX:
                 raise BadRecipe(f"recipe has an integer of {value.bit_length()} bits", bits=value.bit_length())
-        level = [child for value in level for child in _children(value)]
+        below = chain.from_iterable(_children(value) for value in level)
+        level = list(islice(below, VALUES_MAX + 1))
         if not level:
             return
     raise _too_deep()
 
 
-def _children(value: object) -> list[object]:
+def _children(value: object) -> Iterable[object]:
     if isinstance(value, dict):
-        return list(value.values())
-    return list(value) if isinstance(value, list | tuple) else []
+        return value.values()
+    return value if isinstance(value, list | tuple) else ()
 
 
 def _path(location: tuple[int | str, ...], tree: Any) -> Iterator[str]:
