@@ -1,0 +1,1 @@
+"""The measured promises, each beside its peers in the same run. `python -m benchmarks --help`."""

@@ -1,0 +1,38 @@
+"""The table of jobs. A new benchmark is one file and one row here."""
+
+from collections.abc import Callable, Iterable
+from types import ModuleType
+from typing import Final, NamedTuple
+
+from benchmarks import extraction, noise, service, stages, startup
+from benchmarks.measure import Line, Scale
+
+
+class Job(NamedTuple):
+    """One benchmark.
+
+    note: what is measured and what is not, in Markdown: it stands above the table.
+    run: yields the lines of the table.
+    """
+
+    name: str
+    title: str
+    note: str
+    run: Callable[[Scale], Iterable[Line]]
+
+
+def _job(title: str, module: ModuleType) -> Job:
+    """Return the job of a module: its docstring is the note, its `run` does it."""
+    return Job(module.__name__.rpartition(".")[2], title, module.__doc__ or "", module.run)
+
+
+JOBS: Final = {
+    job.name: job
+    for job in (
+        _job("A chunk by stages", stages),
+        _job("Extraction with normals from ready samples", extraction),
+        _job("Noise", noise),
+        _job("Requests", service),
+        _job("Start and memory", startup),
+    )
+}

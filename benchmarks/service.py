@@ -1,0 +1,115 @@
+"""The real server over loopback, native format, two workers unless another number is named.
+
+A closed loop: each connection sends its next request as soon as it has its answer. The client shares the cores of the
+machine with the server and its workers. CPU time is per request; the server's is its own process's, without workers.
+
+- Cold: every request is for another chunk at the surface of `terrain`; some are empty.
+- Warm: the same 64 chunks, all with a surface, again and again, out of the server's memory.
+- 304: the same with `If-None-Match`.
+"""
+
+import itertools
+import random
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import httpx2
+
+from benchmarks.load import Load, Request, send
+from benchmarks.measure import MS, US, Figure, Line, Scale, in_turns
+from benchmarks.scenes import SCENES, SEED, layers, prepare
+from chunkserver.grid import ChunkKey
+from tests.serving import Server, serving
+
+WORKERS: Final = (1, 2)
+CONNECTIONS: Final = 16
+SIDE: Final = 200
+"""Chunks a side of the two layers, 80,000 chunks, that cold requests are taken from."""
+
+
+class Turn(NamedTuple):
+    """One round. server_cpu_seconds: of the server's own process, without its workers."""
+
+    load: Load
+    server_cpu_seconds: float
+
+
+FIGURES: Final[dict[tuple[str, str], Callable[[Turn], float]]] = {
+    ("requests", "1/s"): lambda turn: turn.load.answers / turn.load.seconds,
+    ("median", "ms"): lambda turn: turn.load.quantile(0.5) * MS,
+    ("99 %", "ms"): lambda turn: turn.load.quantile(0.99) * MS,
+    ("client CPU", "us"): lambda turn: turn.load.cpu_seconds / turn.load.answers * US,
+    ("server CPU", "us"): lambda turn: turn.server_cpu_seconds / turn.load.answers * US,
+    ("answer", "KB"): lambda turn: turn.load.bytes / turn.load.answers / 1000,
+    ("empty", "%"): lambda turn: turn.load.statuses["204"] / turn.load.answers * 100,
+}
+
+
+def run(scale: Scale) -> Iterator[Line]:
+    """Yield a line per kind of request, number of connections and, for cold ones, of workers."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        servers = {
+            workers: stack.enter_context(serving(folder / f"{workers}.log", "--workers", str(workers)))
+            for workers in WORKERS
+        }
+        results = in_turns(_cold(servers, scale) | _warm(servers[max(WORKERS)], scale), scale.rounds)
+    for subject, turns in results.items():
+        yield Line(subject, tuple(_figure(name, unit, turns) for name, unit in FIGURES))
+
+
+def _cold(servers: dict[int, Server], scale: Scale) -> dict[str, Callable[[], Turn]]:
+    """Return the candidates whose every request is another chunk; each server is asked for the same ones."""
+    keys = list(layers((-1, 0), SIDE))
+    random.Random(SEED).shuffle(keys)
+    return {
+        f"cold, {workers} worker{'s'[: workers - 1]}, {CONNECTIONS} connections": partial(
+            _fresh_turn, server, map(chunk_request, iter(keys)), scale.cold_requests
+        )
+        for workers, server in servers.items()
+    }
+
+
+def _fresh_turn(server: Server, unasked: Iterator[Request], count: int) -> Turn:
+    return _turn(server, list(itertools.islice(unasked, count)), CONNECTIONS)
+
+
+def _warm(server: Server, scale: Scale) -> dict[str, Callable[[], Turn]]:
+    """Return the candidates that ask for the same chunks again and again."""
+    plain = [chunk_request(chunk.request.key) for chunk in prepare(SCENES["terrain surface"], scale.chunks)]
+    with httpx2.Client(base_url=server.url) as client:
+        tagged = [Request(path, client.get(path).raise_for_status().headers["etag"]) for path, _ in plain]
+    return {
+        f"{name}, {connections} connection{'s' * (connections > 1)}": partial(
+            _turn, server, list(itertools.islice(itertools.cycle(requests), scale.warm_requests)), connections
+        )
+        for name, requests in (("warm", plain), ("304", tagged))
+        for connections in (CONNECTIONS, 1)
+    }
+
+
+def chunk_request(key: ChunkKey) -> Request:
+    """Return the request for one chunk of `terrain`, in the native format."""
+    return Request(f"/v1/seeds/{SEED}/chunks/{key.lod}/{key.x}/{key.y}/{key.z}")
+
+
+def _turn(server: Server, requests: Sequence[Request], connections: int) -> Turn:
+    before = _cpu_seconds(server.child.pid)
+    load = send(server.url, requests, connections)
+    if load.answers != len(requests) or set(load.statuses) - {"200", "204", "304"}:
+        raise RuntimeError(f"{len(requests)} requests had the answers {dict(load.statuses)}")
+    return Turn(load, _cpu_seconds(server.child.pid) - before)
+
+
+def _cpu_seconds(pid: int) -> float:
+    """Return the CPU time of all threads of another process, from the clock that clock_getcpuclockid(3) names."""
+    return time.clock_gettime(~pid << 3 | 2)
+
+
+def _figure(name: str, unit: str, turns: Sequence[Turn]) -> Figure:
+    return Figure(name, unit, tuple(map(FIGURES[name, unit], turns)))

@@ -1,0 +1,120 @@
+"""Every benchmark once at a tiny size: that it runs and what shape its results have, never how long anything took."""
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import noise
+from benchmarks.jobs import JOBS
+from benchmarks.measure import TINY
+from benchmarks.report import MARK
+from benchmarks.scenes import SCENES, prepare
+from benchmarks.service import FIGURES
+
+ROOT = Path(__file__).parents[2]
+RUN_SECONDS_MAX = 300
+MAY_BE_ZERO = {"triangles", "empty"}
+
+
+@dataclass(frozen=True)
+class Run:
+    printed: str
+    page: str
+    results: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Run:
+    """One run of the command, all jobs, with everything that it writes."""
+    folder = tmp_path_factory.mktemp("bench")
+    page, results = folder / "page.md", folder / "results.json"
+    page.write_text(f"Said by hand.\n\n{MARK}\n\nAn older run.\n")
+    command = [sys.executable, "-m", "benchmarks", "--tiny", "--json", results, "--page", page]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=RUN_SECONDS_MAX)
+    return Run(done.stdout, page.read_text(), json.loads(results.read_text()))
+
+
+def lines_of(run: Run, job: str) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return subject -> name of figure -> figure."""
+    (found,) = [one for one in run.results["jobs"] if one["name"] == job]
+    return {line["subject"]: {figure["name"]: figure for figure in line["figures"]} for line in found["lines"]}
+
+
+def figures_of(run: Run) -> list[dict[str, Any]]:
+    return [figure for job in run.results["jobs"] for line in job["lines"] for figure in line["figures"]]
+
+
+def test_all_jobs_run(run):
+    assert [job["name"] for job in run.results["jobs"]] == list(JOBS)
+
+
+def test_every_figure_is_a_number_with_its_spread(run):
+    for figure in figures_of(run):
+        assert figure["rounds"], figure
+        assert all(math.isfinite(value) for value in figure["rounds"]), figure
+        assert all(value > 0 for value in figure["rounds"]) or figure["name"] in MAY_BE_ZERO, figure
+        assert min(figure["rounds"]) <= figure["low"] <= figure["median"] <= figure["high"] <= max(figure["rounds"])
+
+
+def test_ratios_are_taken_round_by_round(run):
+    for job in ("extraction", "noise"):
+        for figures in lines_of(run, job).values():
+            ours = figures["chunkserver"]
+            assert ours["ratio"] is None
+            peers = [figure for name, figure in figures.items() if name not in {"chunkserver", "triangles"}]
+            for peer in peers:
+                pairs = zip(peer["rounds"], ours["rounds"], strict=True)
+                assert peer["ratios"] == pytest.approx([theirs / own for theirs, own in pairs])
+
+
+def test_stages_and_peers_for_every_scene(run):
+    stages, extraction = lines_of(run, "stages"), lines_of(run, "extraction")
+    assert set(stages) == set(extraction) == set(SCENES)
+    assert all({"field", "mesh, normals", "encode native", "encode GLB"} < set(line) for line in stages.values())
+    assert all("vtkFlyingEdges3D" in line for line in extraction.values())
+    with_skimage = {scene for scene, line in extraction.items() if "skimage lewiner" in line}
+    assert with_skimage == set(SCENES) - {"empty air"}
+
+
+def test_scenes_are_what_they_say():
+    for scene in SCENES.values():
+        chunks = prepare(scene, TINY.chunks)
+        assert len({chunk.request.key for chunk in chunks}) == TINY.chunks
+        assert {chunk.mesh.content for chunk in chunks} == {scene.content}
+
+
+def test_answers_are_the_expected_ones(run):
+    service = lines_of(run, "service")
+    assert all(set(line) == {name for name, _ in FIGURES} for line in service.values())
+    kilobytes = {subject: line["answer"]["median"] for subject, line in service.items()}
+    assert all((size < 1) == subject.startswith("304") for subject, size in kilobytes.items())
+    assert all(line["empty"]["median"] == 0 for subject, line in service.items() if subject.startswith(("warm", "304")))
+
+
+def test_a_missing_peer_leaves_our_figures_alone(monkeypatch):
+    monkeypatch.setattr(noise, "_peer", None)
+    for line in noise.run(TINY):
+        assert [figure.name for figure in line.figures] == ["chunkserver"]
+
+
+def test_page_and_print_are_the_same(run):
+    above, _, below = run.page.partition(MARK)
+    assert above == "Said by hand.\n\n"
+    assert below.strip() == run.printed.strip()
+
+
+def test_tables_are_rectangular(run):
+    for section in run.printed.split("## ")[2:]:
+        rows = [line for line in section.splitlines() if line.startswith("|")]
+        assert len(rows) > 2, section
+        assert len({row.count("|") for row in rows}) == 1, section
+
+
+def test_machine_is_named(run):
+    assert {"date", "commit", "cpu", "cores", "load before the run", "python", "numba"} <= set(run.results["machine"])
