@@ -155,7 +155,7 @@ class Pool:
             await self._keep_workers(fork_server)
         finally:
             self._ready.clear()
-            for worker in list(self._workers):  # so that their jobs are settled now, not when their pipes are seen to end
+            for worker in list(self._workers):  # their jobs are settled now, not when the pipes are seen to end
                 worker.kill()
             await fork_server.end()
 
