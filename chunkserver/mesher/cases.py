@@ -134,13 +134,14 @@ def case_triangles(cell: Cell, inside: int) -> tuple[Triangle, ...]:
     return tuple(triangle for loop in loops(cell, inside) for triangle in triangulate(cell, loop))
 
 
-def bake(cell: Cell, triangles_max: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def bake(cell: Cell, triangles_max: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Return the tables that a kernel reads: triangles per case, and their edges.
 
-    counts: (cases,) uint8. edges: (cases, 3 * triangles_max) uint8, C order, 255 where a case has no more triangles.
+    counts: (cases,) int64, which add up without overflow whether compiled or not.
+    edges: (cases, 3 * triangles_max) uint8, C order, 255 where a case has no more triangles.
     """
     cases = 1 << len(cell.corners)
-    counts = np.zeros(cases, np.uint8)
+    counts = np.zeros(cases, np.int64)
     edges = np.full((cases, 3 * triangles_max), 255, np.uint8)
     for case in range(cases):
         flat = [edge for triangle in case_triangles(cell, case) for edge in triangle]
