@@ -97,7 +97,7 @@ def builtin(name: str, /, **parameters: float) -> str:
     """Return the canonical JSON of a built-in recipe. Raises `BadRecipe` for an unknown name, parameter or value."""
     if not isinstance(name, str) or name not in BUILTINS:
         shown = repr(name)[:NAME_CHARACTERS_MAX]
-        raise BadRecipe(f"recipe is {shown}; built in are {sorted(BUILTINS)}", recipe=shown)
+        raise BadRecipe(f"recipe is {shown}; built in are {sorted(BUILTINS)}", recipe=str(name)[:NAME_CHARACTERS_MAX])
     return canonical_tree(_build(name, parameters)) if parameters else _plain(name)
 
 
