@@ -1,0 +1,37 @@
+"""Which format a request without an extension gets: content negotiation over the `FORMATS` table, in one function."""
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+RANGES_MAX: Final = 32
+"""Media ranges of one request that are read; the rest is ignored."""
+
+
+def preferred(accept: Iterable[str], offered: Iterable[str]) -> str:
+    """Return the media type of `offered` that the `Accept` fields like best.
+
+    accept: the request's `Accept` fields, each a comma-separated list of media ranges with optional q-values.
+    offered: media types, in the server's own order.
+
+    The highest q wins; at equal q the type that is named more exactly; then the server's order. An `Accept` that fits
+    nothing gets the first type all the same: the answer says what it is, and a mesh is more use than an error.
+    """
+    ranges = list(_ranges(accept))
+    return max(offered, key=lambda media_type: _liking(media_type, ranges))
+
+
+def _liking(media_type: str, ranges: list[tuple[str, float]]) -> tuple[float, int]:
+    """Quality of `media_type`, and how exactly it was named; the most exact range that fits decides its quality."""
+    fitting = {media_type: 3, media_type.partition("/")[0] + "/*": 2, "*/*": 1}
+    exactness, quality = max(((fitting[name], q) for name, q in ranges if name in fitting), default=(0, 0.0))
+    return quality, exactness if quality else 0
+
+
+def _ranges(accept: Iterable[str]) -> Iterator[tuple[str, float]]:
+    for item in ",".join(accept).split(",", RANGES_MAX)[:RANGES_MAX]:
+        name, *parameters = (part.strip().lower() for part in item.split(";"))
+        quality = next((text[2:].strip() for text in parameters if text.startswith("q=")), "1")
+        try:
+            yield name, min(max(float(quality), 0.0), 1.0)
+        except ValueError:
+            continue

@@ -1,0 +1,70 @@
+"""Finished chunks, kept in memory up to a bound in bytes; identical requests in flight share one build."""
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
+from typing import Final
+
+from chunkserver.pipeline import Chunk
+
+ENTRY_BYTES: Final = 512
+"""What an entry costs besides its body: key, chunk, list and table slots. An upper bound, held by its unit test."""
+
+
+class ChunkCache:
+    """The least recently used chunks go first. One event loop owns it; nothing in it is thread-safe.
+
+    There is no `get` and no `put`: between the two, another request would start the same build.
+
+    hits: answers that needed no build of their own, those that joined a build in flight included.
+    misses: builds started.
+    bytes: what the kept entries weigh now, at most `bytes_max`.
+    """
+
+    def __init__(self, bytes_max: int) -> None:
+        self.bytes_max = bytes_max
+        self.bytes = 0
+        self.hits = 0
+        self.misses = 0
+        self._kept: OrderedDict[str, Chunk] = OrderedDict()
+        self._building: dict[str, asyncio.Task[Chunk]] = {}
+
+    async def get_or_build(self, key: str, build: Callable[[], Awaitable[Chunk]]) -> Chunk:
+        """Return the chunk named `key`, building it at most once however many ask.
+
+        A caller that is cancelled does not cancel the build: others may wait for it. Raises what `build` raises, to
+        everyone who waits; a failure is not kept.
+        """
+        kept = self._kept.get(key)
+        if kept is not None:
+            self.hits += 1
+            self._kept.move_to_end(key)
+            return kept
+        building = self._building.get(key)
+        if building is None:
+            self.misses += 1
+            building = self._building[key] = asyncio.create_task(self._build(key, build))
+        else:
+            self.hits += 1
+        return await asyncio.shield(building)
+
+    async def _build(self, key: str, build: Callable[[], Awaitable[Chunk]]) -> Chunk:
+        try:
+            chunk = await build()
+        finally:
+            del self._building[key]
+        self._keep(key, chunk)
+        return chunk
+
+    def _keep(self, key: str, chunk: Chunk) -> None:
+        if _weight(chunk) > self.bytes_max:
+            return
+        self._kept[key] = chunk
+        self.bytes += _weight(chunk)
+        while self.bytes > self.bytes_max:
+            _, oldest = self._kept.popitem(last=False)
+            self.bytes -= _weight(oldest)
+
+
+def _weight(chunk: Chunk) -> int:
+    return len(chunk.body) + ENTRY_BYTES

@@ -1,0 +1,26 @@
+"""The name of a chunk's bytes: a digest of what they are made from, known before they are made."""
+
+import hashlib
+import re
+from collections.abc import Iterable
+from typing import Final
+
+from chunkserver.pipeline import ChunkRequest, generator
+
+ETAG_BYTES: Final = 16
+_ENTITY_TAG: Final = re.compile(r'(?:W/)?"([^"]*)"')
+
+
+def etag(request: ChunkRequest) -> str:
+    """Return the strong entity tag of the answer to `request`, without its quotes: hex, also the cache's key.
+
+    `repr` of the frozen request writes every field, those to come included; the generator adds the sources that shape
+    a chunk. Same tag, same bytes.
+    """
+    named = f"{generator(request.recipe)} {request!r}".encode()
+    return hashlib.blake2b(named, digest_size=ETAG_BYTES).hexdigest()
+
+
+def is_known(if_none_match: Iterable[str], tag: str) -> bool:
+    """Return whether a client that sent these `If-None-Match` fields has the bytes named `tag` (weak comparison)."""
+    return any(field.strip() == "*" or tag in _ENTITY_TAG.findall(field) for field in if_none_match)

@@ -1,0 +1,27 @@
+"""The page at `/`: what this is, one chunk to look at, and the first requests to try."""
+
+import html
+from pathlib import Path
+from string import Template
+from typing import Final
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse
+
+from chunkserver.server.openapi import RESOURCE, problem_responses
+
+_PAGE: Final = Template(Path(__file__).with_name("landing.html").read_text(encoding="utf-8"))
+
+router: Final = APIRouter(tags=["operations"])
+
+
+@router.api_route(
+    "/",
+    methods=RESOURCE,
+    summary="The landing page",
+    response_class=HTMLResponse,
+    responses={200: {"description": "A page for people."}, **problem_responses()},
+)
+async def landing(request: Request) -> HTMLResponse:
+    """What this server is, with links to its documentation and an example chunk."""
+    return HTMLResponse(_PAGE.substitute(server=html.escape(str(request.base_url).rstrip("/"))))

@@ -1,0 +1,185 @@
+"""What may stand in a URL. The routes declare it with these types; whatever else is sent is refused by name."""
+
+import re
+from collections.abc import Iterable
+from typing import Annotated, Any, Final, NamedTuple
+
+from fastapi import Depends, Header, Path, Request
+from fastapi.openapi.models import Example
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, WithJsonSchema
+from pydantic.json_schema import SkipJsonSchema
+from pydantic_core import PydanticCustomError
+
+from chunkserver.errors import BadParameter
+from chunkserver.grid import CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, ChunkKey
+from chunkserver.mesher import MESHER_DEFAULT, MESHERS
+from chunkserver.pipeline import SEAM_DEFAULT, SEAMS_BUILT, ChunkRequest, check_request
+from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe, builtin
+from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding
+
+DECIMAL: Final = "0|-?[1-9][0-9]{0,18}"
+"""The one way to write a 64-bit integer, so that a resource has one URL: no plus sign, leading zero or minus zero."""
+COARSER_BUILT: Final = (0,)
+GENERATOR_TOKEN: Final = "^[0-9a-f]{1,64}$"
+
+_COORDINATES: Final = LATTICE_MAX // CELLS_DEFAULT
+
+
+def _integer(text: Any) -> int:
+    if not isinstance(text, str) or not re.fullmatch(DECIMAL, text):
+        raise PydanticCustomError("decimal", "must be a decimal integer in its shortest form, such as -3")
+    return int(text)
+
+
+def _examples(*values: object) -> dict[str, Example]:
+    return {str(value): {"value": value} for value in values}
+
+
+def _one_of(names: Iterable[str]) -> dict[str, JsonValue]:
+    return {"enum": [*sorted(set(names))]}
+
+
+# Ranges are only described here: `check_key`, `check_request` and `WorldRecipe` hold them for every caller.
+Decimal = Annotated[int, BeforeValidator(_integer)]
+Seed = Annotated[
+    Decimal,
+    WithJsonSchema({"type": "string", "pattern": f"^(?:{DECIMAL})$"}),
+    Path(description="The world's seed: a signed 64-bit integer.", openapi_examples=_examples("42")),
+]
+Lod = Annotated[
+    Decimal,
+    WithJsonSchema({"type": "integer", "minimum": 0, "maximum": LOD_MAX}),
+    Path(description="Level of detail, 0 is finest; a step is 2^lod voxels.", openapi_examples=_examples(0)),
+]
+Coordinate = Annotated[
+    Decimal,
+    WithJsonSchema({"type": "integer", "minimum": -_COORDINATES, "maximum": _COORDINATES - 1}),
+    Path(
+        description="Chunk coordinate; the range is that of LOD 0, and halves with each LOD.",
+        openapi_examples=_examples(0),
+    ),
+]
+IfNoneMatch = Annotated[
+    tuple[str, ...],
+    Header(
+        alias="If-None-Match",
+        description="Entity tags that the client has. If the answer's is among them, or with `*`, it is a 304.",
+        openapi_examples={"any": {"value": ["*"]}, "two": {"value": ['"01ab"', 'W/"23cd"']}},
+    ),
+]
+
+
+class Place(NamedTuple):
+    """Which chunk of which seed."""
+
+    seed: int
+    key: ChunkKey
+
+
+class SeedQuery(BaseModel):
+    """Parameters of everything below a seed."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    recipe: str = Field(
+        RECIPE_DEFAULT,
+        description="Which world the seed is of: the name of a built-in recipe.",
+        json_schema_extra=_one_of(BUILTINS),
+    )
+
+
+class ChunkQuery(SeedQuery):
+    """Parameters of a chunk."""
+
+    mesher: str = Field(
+        MESHER_DEFAULT,
+        description="How the surface is made.",
+        json_schema_extra=_one_of(MESHERS),
+    )
+    coarser: Annotated[Decimal, WithJsonSchema({"type": "integer", "enum": [*COARSER_BUILT]})] = Field(
+        0,
+        description="Mask of the faces whose neighbour is one LOD coarser, -x +x -y +y -z +z = 1 2 4 8 16 32. "
+        "Only 0 is built.",
+    )
+    seam: str = Field(
+        SEAM_DEFAULT,
+        description="How borders to coarser neighbours are closed.",
+        json_schema_extra=_one_of(SEAMS_BUILT),
+    )
+    g: Annotated[str, Field(pattern=GENERATOR_TOKEN)] | SkipJsonSchema[None] = Field(
+        None,
+        description="The generator token of the seed's descriptor: the answer may then be kept for ever. "
+        "Another one than the current is a 410.",
+    )
+
+
+class NativeQuery(ChunkQuery):
+    """Parameters of a chunk in the native format."""
+
+    profile: str = Field(
+        ENCODING_DEFAULT.profile,
+        description="Native format only: how positions and normals are written.",
+        json_schema_extra=_one_of(name for row in FORMATS.values() for name in row.profiles),
+    )
+
+
+class GlbQuery(ChunkQuery):
+    """Parameters of a chunk as GLB."""
+
+    frame: str = Field(
+        ENCODING_DEFAULT.frame,
+        description="GLB only: where the node puts the chunk. `chunk`: its low corner is the origin.",
+        json_schema_extra=_one_of(name for row in FORMATS.values() for name in row.frames),
+    )
+
+
+class AnyQuery(GlbQuery, NativeQuery):
+    """Parameters of a chunk whose format `Accept` chooses."""
+
+
+async def refuse_repeats(request: Request) -> None:
+    """Raise `BadParameter` for a query parameter that is given more than once: one of the two would be ignored."""
+    seen: set[str] = set()
+    for name, value in request.query_params.multi_items():
+        if name in seen:
+            raise BadParameter(f"{name} is given more than once", **{name: value})
+        seen.add(name)
+
+
+def world(seed: int, recipe: str) -> WorldRecipe:
+    """Return the pristine world of `seed` and the recipe named `recipe`. Raises `BadRecipe`."""
+    return WorldRecipe(seed, builtin(recipe))
+
+
+async def _place(seed: Seed, lod: Lod, x: Coordinate, y: Coordinate, z: Coordinate) -> Place:
+    return Place(seed, ChunkKey(lod, x, y, z))
+
+
+PlaceOfUrl = Annotated[Place, Depends(_place)]
+
+
+def chunk_request(place: Place, query: ChunkQuery, encoding: Encoding) -> ChunkRequest:
+    """Return what the URL asks for. Raises `BadKey`, `BadRecipe` or `BadParameter` if it is not built."""
+    request = ChunkRequest(
+        world(place.seed, query.recipe),
+        place.key,
+        mesher=query.mesher,
+        coarser=query.coarser,
+        seam=query.seam,
+        encoding=encoding,
+    )
+    check_request(request)
+    return request
+
+
+def encoding_of(format_name: str, query: AnyQuery) -> Encoding:
+    """Return the encoding that `query` asks of a format. Raises `BadParameter` for what does not apply to it.
+
+    A field applies if the format has a choice in it.
+    """
+    row = FORMATS[format_name]
+    for name, built in (("profile", row.profiles), ("frame", row.frames)):
+        if name in query.model_fields_set and len(built) == 1:
+            given = getattr(query, name)
+            raise BadParameter(f"{name} does not apply to format {format_name}", **{name: given, "format": format_name})
+    return Encoding(format_name, query.profile, query.frame)

@@ -1,0 +1,153 @@
+"""Every error as problem+json (RFC 9457): one table from error to status, type and title, installed by one loop."""
+
+import json
+import logging
+import math
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any, Final, NamedTuple
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+
+from chunkserver.errors import (
+    BadKey,
+    BadParameter,
+    BadRecipe,
+    BadRequest,
+    ChunkError,
+    DeadlinePassed,
+    Overloaded,
+    Unavailable,
+    WorkerLost,
+)
+
+MEDIA_TYPE: Final = "application/problem+json"
+TYPE_PREFIX: Final = "urn:chunkserver:problem:"
+RETRY_SOON_SECONDS: Final = 1
+VALUES_MAX: Final = 16
+"""Offending values in one answer."""
+VALUE_CHARS_MAX: Final = 200
+"""Characters of each of them, and of its name, that are sent back."""
+DETAIL_CHARS_MAX: Final = 1000
+JSON_INTEGER_MAX: Final = (1 << 53) - 1
+"""Larger integers are answered as decimal strings: JavaScript would round them."""
+RESERVED: Final = frozenset({"type", "title", "status", "detail", "instance"})
+
+logger: Final = logging.getLogger("chunkserver.server")
+
+
+class Problem(NamedTuple):
+    """One kind of failure as clients see it. `name` never changes once released; `title` may.
+
+    Without a name it is nothing but its HTTP status: RFC 9457 calls that `about:blank`.
+    """
+
+    status: int
+    name: str
+    title: str
+    retry_after: int | None = None
+
+    @property
+    def type(self) -> str:
+        """The problem type, a URI."""
+        return TYPE_PREFIX + self.name if self.name else "about:blank"
+
+
+class OldGenerator(ChunkError):
+    """The client asks for the terrain of a generator that this server does not run."""
+
+
+PROBLEMS: Final[dict[type[Exception] | int, Problem]] = {
+    BadRequest: Problem(400, "bad-request", "The request cannot be answered"),
+    BadKey: Problem(422, "bad-key", "The chunk lies outside the world"),
+    BadRecipe: Problem(422, "bad-recipe", "There is no such recipe or seed"),
+    BadParameter: Problem(422, "bad-parameter", "A parameter is malformed, unknown or not built"),
+    RequestValidationError: Problem(422, "bad-parameter", "A parameter is malformed, unknown or not built"),
+    OldGenerator: Problem(410, "old-generator", "The server has another generator now"),
+    404: Problem(404, "not-found", "Nothing is here"),
+    405: Problem(405, "method-not-allowed", "The resource does not have this method"),
+    Unavailable: Problem(503, "unavailable", "The server is not ready", RETRY_SOON_SECONDS),
+    WorkerLost: Problem(503, "worker-lost", "The workers that built this ended", RETRY_SOON_SECONDS),
+    Overloaded: Problem(503, "overloaded", "Too many requests are waiting", RETRY_SOON_SECONDS),
+    DeadlinePassed: Problem(503, "deadline-passed", "The answer was not ready in time", RETRY_SOON_SECONDS),
+    ChunkError: Problem(500, "internal", "The server failed"),
+    Exception: Problem(500, "internal", "The server failed"),
+}
+"""Keys are error classes, which cover their subclasses, and HTTP statuses that the framework raises."""
+
+
+def install(app: FastAPI) -> None:
+    """Answer every error of `app` from `PROBLEMS`."""
+    for error in (*PROBLEMS, HTTPException):
+        app.add_exception_handler(error, answer)
+
+
+async def answer(request: Request, error: Exception) -> Response:
+    """Return the problem+json of `error`; a failure of the server is logged with its cause, never shown."""
+    problem = _problem(error)
+    if problem.status == HTTPStatus.INTERNAL_SERVER_ERROR and isinstance(error, ChunkError):
+        # Any other exception is raised again by the framework, and logged by the HTTP server with its traceback.
+        logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
+    detail, values = _account(request, error)
+    headers = dict(getattr(error, "headers", None) or {}) | {"Cache-Control": "no-store"}
+    if problem.retry_after is not None:
+        headers["Retry-After"] = str(problem.retry_after)
+    body = problem_body(problem, detail, values)
+    return Response(json.dumps(body, allow_nan=False), problem.status, headers, MEDIA_TYPE)
+
+
+def problem_body(problem: Problem, detail: str, values: Mapping[str, object]) -> dict[str, object]:
+    """Return the members of one problem: the four standard ones, then the offending values, cut to their limits."""
+    named = [(name[:VALUE_CHARS_MAX], value) for name, value in values.items() if name not in RESERVED]
+    return {
+        "type": problem.type,
+        "title": problem.title,
+        "status": problem.status,
+        "detail": detail[:DETAIL_CHARS_MAX],
+        **{name: _member(value) for name, value in named[:VALUES_MAX]},
+    }
+
+
+def _problem(error: Exception) -> Problem:
+    if isinstance(error, HTTPException):
+        status = HTTPStatus(error.status_code)
+        return PROBLEMS.get(status, Problem(status, "", status.phrase))
+    return next(PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS)
+
+
+def _account(request: Request, error: Exception) -> tuple[str, Mapping[str, object]]:
+    """What to tell about `error`: a sentence, and the values it speaks of."""
+    match error:
+        case RequestValidationError():
+            return _validation_account(error.errors())
+        case HTTPException():
+            found = {"method": request.method} if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED else {}
+            return str(error.detail), {"path": request.url.path, **found}
+        case ChunkError() if _problem(error).status != HTTPStatus.INTERNAL_SERVER_ERROR:
+            return error.message, error.values
+        case _:
+            return "the cause is in the server's log", {}
+
+
+def _validation_account(faults: Any) -> tuple[str, Mapping[str, object]]:
+    sentences, values = [], {}
+    for fault in faults[:VALUES_MAX]:
+        name = str(fault["loc"][1])[:VALUE_CHARS_MAX]  # behind "path" or "query"
+        unknown = fault["type"] == "extra_forbidden"
+        sentences.append(f"{name} {'is not a parameter of this resource' if unknown else fault['msg']}")
+        values[name] = fault["input"]
+    return "; ".join(sentences), values
+
+
+def _member(value: object) -> object:
+    match value:
+        case bool() | None:
+            return value
+        case int() if abs(value) <= JSON_INTEGER_MAX:
+            return value
+        case float() if math.isfinite(value):
+            return value
+        case _:
+            return str(value)[:VALUE_CHARS_MAX]

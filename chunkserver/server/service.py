@@ -1,0 +1,43 @@
+"""What every route shares: the workers and the cache, found on the application."""
+
+from dataclasses import dataclass
+from typing import Annotated, Protocol
+
+from fastapi import Depends, Request
+
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.server.cache import ChunkCache
+
+
+class Builder(Protocol):
+    """Who builds chunks: `Pool`, or a stand-in of a test."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether a chunk can be built at once, without compiling first."""
+
+    async def start(self) -> None:
+        """Begin to get ready; returns at once."""
+
+    async def build(self, request: ChunkRequest) -> Chunk:
+        """Build one chunk; raises `ChunkError`."""
+
+    async def close(self) -> None:
+        """End every worker process."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """The workers, and the chunks that they made."""
+
+    pool: Builder
+    cache: ChunkCache
+
+
+async def _service(request: Request) -> Service:
+    service: Service = request.app.state.service
+    return service
+
+
+ServiceOfApp = Annotated[Service, Depends(_service)]
+"""A route's parameter of this type receives the application's `Service`."""

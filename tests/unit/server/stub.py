@@ -1,0 +1,42 @@
+"""A pool without processes: it counts, answers at once, and fails when told to."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from fastapi.testclient import TestClient
+
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.server import Settings, create_app
+
+SURFACE = Chunk("surface", b"a mesh")
+
+
+class StubPool:
+    """Answers every request with `chunk`, or raises `error`; `built` are the requests so far."""
+
+    def __init__(self, chunk: Chunk = SURFACE, error: Exception | None = None, ready: bool = True) -> None:
+        self.chunk = chunk
+        self.error = error
+        self.ready = ready
+        self.built: list[ChunkRequest] = []
+        self.life: list[str] = []
+
+    async def start(self) -> None:
+        self.life.append("start")
+
+    async def close(self) -> None:
+        self.life.append("close")
+
+    async def build(self, request: ChunkRequest) -> Chunk:
+        self.built.append(request)
+        if self.error is not None:
+            raise self.error
+        return self.chunk
+
+
+@contextmanager
+def client_of(pool: StubPool) -> Iterator[TestClient]:
+    """A client of the application over `pool`, its lifespan included."""
+    app = create_app(Settings(workers=1), pool)
+    with TestClient(app, raise_server_exceptions=False, follow_redirects=False) as client:
+        yield client

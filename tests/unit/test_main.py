@@ -1,0 +1,78 @@
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from chunkserver import __main__ as command_line
+from chunkserver import __version__
+from chunkserver.server import Settings
+from chunkserver.worker import Warmth
+
+OPTIONS = {"host": "::1", "port": "8001", "workers": "3", "cache-bytes": "12345"}
+CHOSEN = Settings("::1", 8001, 3, 12345)
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """The settings of every `serve` that the command line asks for."""
+    found = []
+    monkeypatch.setattr(command_line, "create_app", lambda settings: settings)
+    monkeypatch.setattr(command_line, "serve", lambda app, settings: found.append((app, settings)))
+    for name in OPTIONS:
+        monkeypatch.delenv(variable(name), raising=False)
+    return found
+
+
+def variable(option):
+    return f"CHUNKSERVER_{option.upper().replace('-', '_')}"
+
+
+def run(*arguments, **environment):
+    return CliRunner().invoke(command_line.app, arguments, env=environment)
+
+
+def test_the_version():
+    assert run("--version").stdout == f"chunkserver {__version__}\n"
+
+
+def test_the_defaults_are_those_of_the_settings(served):
+    assert run("serve").exit_code == 0
+    assert served == [(Settings(), Settings())]
+
+
+def test_every_option(served):
+    assert run("serve", *(word for name, value in OPTIONS.items() for word in (f"--{name}", value))).exit_code == 0
+    assert served == [(CHOSEN, CHOSEN)]
+
+
+def test_every_option_is_a_variable_too(served):
+    assert run("serve", **{variable(name): value for name, value in OPTIONS.items()}).exit_code == 0
+    assert served == [(CHOSEN, CHOSEN)]
+    assert set(re.findall(r"--([a-z-]+)", run("serve", "--help").stdout)) == {*OPTIONS, "help"}
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("port", "-1"), ("port", "65536"), ("workers", "0"), ("cache-bytes", "-1"), ("nonsense", "1")]
+)
+def test_what_cannot_be_is_refused_by_name(served, option, value):
+    ended = run("serve", f"--{option}", value)
+    assert ended.exit_code == 2
+    assert f"--{option}" in ended.stderr
+    assert not served
+
+
+@pytest.mark.usefixtures("served")
+def test_an_address_that_cannot_be_had(monkeypatch):
+    def serve(_app, _settings):
+        raise OSError("it is taken")
+
+    monkeypatch.setattr(command_line, "serve", serve)
+    ended = run("serve", "--port", "8001")
+    assert ended.exit_code == 1
+    assert ended.stderr == f"cannot serve on {Settings().host} port 8001: it is taken\n"
+
+
+@pytest.mark.parametrize(("compiled", "said"), [(12, "compiled 12 functions (3.5 s)"), (0, "compiled already (3.5 s)")])
+def test_warm_says_what_it_did(monkeypatch, compiled, said):
+    monkeypatch.setattr(command_line, "warm", lambda: Warmth("digest", compiled, 3.5))
+    assert said in run("warm").stdout
