@@ -1,0 +1,39 @@
+"""A server whose builds wait until a file appears: for tests of what a stop does to requests in flight.
+
+Run as `python -m tests.contract.waiting_server FILE`.
+"""
+
+import asyncio
+import logging
+import sys
+from pathlib import Path
+
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.server import Settings, create_app, serve
+
+
+class WaitingPool:
+    """Builds one kind of chunk, when `released` exists. The seed -1 fails."""
+
+    ready = True
+
+    def __init__(self, released: Path) -> None:
+        self.released = released
+
+    async def start(self) -> None: ...
+
+    async def close(self) -> None:
+        logging.getLogger("tests").info("closed")
+
+    async def build(self, request: ChunkRequest) -> Chunk:
+        if request.recipe.seed == -1:
+            raise ValueError("a fault of the server")
+        logging.getLogger("tests").info("building")
+        while not self.released.exists():
+            await asyncio.sleep(0.01)
+        return Chunk("surface", b"built")
+
+
+if __name__ == "__main__":
+    settings = Settings(port=0, workers=1)
+    serve(create_app(settings, WaitingPool(Path(sys.argv[1]))), settings)
