@@ -1,0 +1,72 @@
+"""docs/api.md names everything that the application has: routes, parameters, headers, statuses, problems, options."""
+
+import re
+from pathlib import Path
+
+import pytest
+from fastapi.routing import iter_route_contexts
+
+from chunkserver.recipe import BUILTINS
+from chunkserver.server import Settings, create_app
+from chunkserver.server.problems import PROBLEMS, TYPE_PREFIX
+from chunkserver.wire import FORMATS
+
+PAGE = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
+NAMED = set(re.findall(r"`([^`\n]+)`", PAGE))
+"""What stands in backquotes."""
+HIDDEN = {"/docs/oauth2-redirect"}
+"""FastAPI's own, of no use without OAuth2."""
+
+
+@pytest.fixture(scope="module")
+def app():
+    return create_app(Settings())
+
+
+@pytest.fixture(scope="module")
+def operations(app):
+    return [operation for path in app.openapi()["paths"].values() for operation in path.values()]
+
+
+def test_every_route(app):
+    paths = {route.path for route in iter_route_contexts(app.routes)} - HIDDEN
+    assert len(paths) >= 7
+    assert paths <= NAMED
+    assert paths >= set(app.openapi()["paths"])
+
+
+def test_every_parameter_and_every_value_of_it(operations):
+    parameters = [parameter for operation in operations for parameter in operation.get("parameters", [])]
+    assert len({parameter["name"] for parameter in parameters}) >= 12
+    for parameter in parameters:
+        assert parameter["name"] in NAMED
+        assert set(map(str, parameter["schema"].get("enum", []))) <= NAMED
+        assert str(parameter["schema"].get("default") or 0) in NAMED
+
+
+def test_every_header_and_status(operations):
+    for operation in operations:
+        for status, response in operation["responses"].items():
+            assert re.search(rf"\b{status}\b", PAGE), status
+            assert set(response.get("headers", {})) <= NAMED | {"Retry-After"}
+
+
+@pytest.mark.parametrize("problem", {row.name: row for row in PROBLEMS.values()}.values(), ids=lambda row: row.name)
+def test_every_problem_and_its_status(problem):
+    assert f"| `{problem.name}` | {problem.status} |" in PAGE
+    assert f"`{TYPE_PREFIX}`" in PAGE
+
+
+def test_no_problem_that_is_none():
+    rows = re.findall(r"^\| `([a-z-]+)` \| \d\d\d \|", PAGE, re.MULTILINE)
+    assert sorted(rows) == sorted({row.name for row in PROBLEMS.values()})
+
+
+def test_every_format_and_recipe():
+    assert {row.extension for row in FORMATS.values()} <= NAMED
+    assert {row.media_type for row in FORMATS.values()} <= NAMED
+    assert set(BUILTINS) <= NAMED
+
+
+def test_every_member_of_the_descriptor(app):
+    assert set(app.openapi()["components"]["schemas"]["SeedDescriptor"]["properties"]) <= NAMED | {"generator"}
