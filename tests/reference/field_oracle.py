@@ -49,14 +49,22 @@ def gradient_3(bits: Words) -> Doubles:
     return np.where(part == 0, without_x, np.where(part == 1, without_y, without_z))
 
 
-def simplex3(points: Doubles, keys: Sequence[int]) -> Doubles:
-    """Return simplex noise at points (n, 3), in lattice cells: |coordinate| small enough for float64 to skew them."""
+def simplex3(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on.
+
+    The points are skewed in float64, so they should be small. Cells are skewed as integers: as many steps along the
+    diagonal as keep them whole, the rest goes back to the points.
+    """
+    whole = np.zeros((1, 3), np.int64) if cells is None else cells
+    diagonal = whole.sum(1, keepdims=True) // 3
+    points = points + (whole.sum(1, keepdims=True) - 3 * diagonal) * np.array([1, 0, 0])
+    whole = whole - (whole.sum(1, keepdims=True) - 3 * diagonal) * np.array([1, 0, 0]) + diagonal
     skewed = points + points.sum(1, keepdims=True) / 3
     value = np.zeros(len(points))
     for step in itertools.product(range(-1, 3), repeat=3):
         corner = np.floor(skewed).astype(np.int64) + step
         away = points - (corner - corner.sum(1, keepdims=True) / 6)
-        bits = corner_bits(list(corner.T.copy()), (noise.AXIS_X, noise.AXIS_Y, noise.AXIS_Z), keys, splits=2)
+        bits = corner_bits(list((whole + corner).T.copy()), (noise.AXIS_X, noise.AXIS_Y, noise.AXIS_Z), keys, splits=2)
         left = np.maximum(0.5 - (away**2).sum(1), 0)
         value += left**4 * (gradient_3(bits) * away).sum(1)
     return value * 76.8
@@ -71,8 +79,9 @@ def gradient_2(bits: Words) -> Doubles:
     return np.stack([np.where(swap, short, long), np.where(swap, long, short)], 1)
 
 
-def gradient2(points: Doubles, keys: Sequence[int]) -> Doubles:
-    """Return gradient noise at points (n, 3), in lattice cells, from x and z alone: corners lie half-way."""
+def gradient2(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return gradient noise at points (n, 3), in lattice cells, from `cells` (n, 3) on: corners lie half-way."""
+    whole = np.zeros((1, 3), np.int64) if cells is None else cells
     flat = points[:, [0, 2]]
     low = np.rint(flat)
     value = np.zeros(len(points))
@@ -80,7 +89,7 @@ def gradient2(points: Doubles, keys: Sequence[int]) -> Doubles:
         corner = low + step
         away = flat - (corner - 0.5)
         bits = corner_bits(
-            [corner[:, 0].astype(np.int64), corner[:, 1].astype(np.int64)],
+            [corner[:, 0].astype(np.int64) + whole[:, 0], corner[:, 1].astype(np.int64) + whole[:, 2]],
             (noise.AXIS_X, noise.AXIS_Z),
             (keys[0], keys[2]),
             splits=1,
