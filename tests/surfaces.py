@@ -7,13 +7,21 @@ units of that level. Vertices are welded by equality, never by distance.
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import manifold3d  # type: ignore[import-not-found]
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey
 from chunkserver.mesh import Mesh
 
 CHUNK_UNITS = POSITION_HIGH - POSITION_LOW
+CHUNK_BITS = 15
+assert CHUNK_UNITS == 1 << CHUNK_BITS
+AXIS_BITS = 21
+"""Bits that one coordinate of a welded point may take: three of them sort as one int64. 64 chunks a side."""
+FLOAT32_EXACT = 1 << 24
 
 _Ints = NDArray[np.int64]
 
@@ -21,66 +29,118 @@ _Ints = NDArray[np.int64]
 class Surface(NamedTuple):
     """Welded chunks.
 
-    points: (V, 3) int64, lattice units of the level, x y z.
+    points: (V, 3) int64, lattice units of the level from the low corner of the box, x y z.
     triangles: (T, 3) int64.
-    low, high: (3,) int64, the box of the chunks that were put together, same units.
+    low: (3,) int64, the chunk coordinates of the box's low corner.
+    size: (3,) int64, lattice units: the box of the chunks that were put together.
     """
 
     points: _Ints
     triangles: _Ints
     low: _Ints
-    high: _Ints
+    size: _Ints
+
+
+class Edges(NamedTuple):
+    """Undirected edges.
+
+    ends: (E, 2) int64 point numbers. walks: (E,) how often triangles walk it. balance: (E,) forwards less backwards.
+    """
+
+    ends: _Ints
+    walks: _Ints
+    balance: _Ints
 
 
 def weld(chunks: Iterable[tuple[ChunkKey, Mesh]]) -> Surface:
     """Put chunks of one level together by exact equality of positions."""
-    points, triangles, keys, count = [np.empty((0, 3), np.int64)], [np.empty((0, 3), np.int64)], [], 0
-    for key, mesh in chunks:
-        corner = np.array(key[1:], np.int64)
-        keys.append(corner)
+    pairs = list(chunks)
+    keys = np.array([key[1:] for key, _ in pairs], np.int64)
+    low, size = keys.min(axis=0), (np.ptp(keys, axis=0) + 1) * CHUNK_UNITS
+    assert size.max() < 1 << AXIS_BITS, "the box has too many chunks a side"
+    points, triangles, count = [], [], 0
+    for corner, (_, mesh) in zip(keys - low, pairs, strict=True):
         points.append(mesh.positions[:, :3].astype(np.int64) - POSITION_LOW + corner * CHUNK_UNITS)
         triangles.append(mesh.triangles.astype(np.int64) + count)
         count += len(mesh.positions)
-    unique, place = np.unique(np.concatenate(points), axis=0, return_inverse=True)
-    low, high = np.min(keys, axis=0) * CHUNK_UNITS, (np.max(keys, axis=0) + 1) * CHUNK_UNITS
-    return Surface(unique, place.reshape(-1)[np.concatenate(triangles)], low, high)
+    every = np.concatenate(points)
+    assert every.min(initial=0) >= 0, "a vertex outside its box of chunks"
+    packed, place = np.unique(every @ (1 << AXIS_BITS * np.arange(3)), return_inverse=True)
+    unique = packed[:, None] >> AXIS_BITS * np.arange(3) & (1 << AXIS_BITS) - 1
+    return Surface(unique, place.reshape(-1)[np.concatenate(triangles)], low, size)
 
 
-def edge_balance(surface: Surface) -> tuple[_Ints, _Ints, _Ints]:
-    """Return each undirected edge (E, 2), how often it is walked in all, and forwards less backwards."""
+def world_points(surface: Surface, lod: int, cells: int) -> NDArray[np.float64]:
+    """Return the points in voxels, (V, 3) float64: exact near the origin."""
+    world: NDArray[np.float64] = np.ldexp((surface.low * CHUNK_UNITS + surface.points) * float(cells), lod - CHUNK_BITS)
+    return world
+
+
+def edges_of(surface: Surface) -> Edges:
+    """Return every undirected edge once, with how its triangles walk it."""
+    count = max(len(surface.points), 1)
     walked = np.concatenate([surface.triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     direction = np.where(walked[:, 0] < walked[:, 1], 1, -1)
-    edges, place = np.unique(np.sort(walked, axis=1), axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    return edges, np.bincount(place, minlength=len(edges)), np.bincount(place, direction, len(edges)).astype(np.int64)
+    packed, place = np.unique(walked.min(axis=1) * count + walked.max(axis=1), return_inverse=True)
+    ends = np.stack(np.divmod(packed, count), axis=1)
+    balance = np.bincount(place, direction, len(ends)).astype(np.int64)
+    return Edges(ends, np.bincount(place, minlength=len(ends)), balance)
 
 
-def on_border(surface: Surface, edges: _Ints) -> NDArray[np.bool_]:
+def on_border(surface: Surface, ends: _Ints) -> NDArray[np.bool_]:
     """Return which edges lie in a face of the box of chunks: both ends on the same face."""
-    ends = surface.points[edges]
-    both: NDArray[np.bool_] = (ends == surface.low).all(axis=1) | (ends == surface.high).all(axis=1)
-    return np.asarray(both.any(axis=1))
+    points = surface.points[ends]
+    return np.asarray(((points == 0).all(axis=1) | (points == surface.size).all(axis=1)).any(axis=1))
+
+
+def _refuse(surface: Surface, edges: _Ints, what: str) -> None:
+    assert len(edges) == 0, f"{len(edges)} {what} edges, first {surface.points[edges[0]].tolist()}"
 
 
 def assert_closed(surface: Surface) -> None:
     """Every edge is walked equally often both ways, except on the outer border of the set."""
-    edges, _, balance = edge_balance(surface)
-    open_edges = edges[(balance != 0) & ~on_border(surface, edges)]
-    assert len(open_edges) == 0, f"{len(open_edges)} open edges, first {surface.points[open_edges[0]].tolist()}"
+    ends, _, balance = edges_of(surface)
+    _refuse(surface, ends[(balance != 0) & ~on_border(surface, ends)], "open")
 
 
 def assert_manifold(surface: Surface) -> None:
-    """Closed, and every edge inside the box carries exactly two triangles, one each way."""
-    assert_closed(surface)
-    edges, walks, _ = edge_balance(surface)
-    crowded = edges[(walks > 2) | (walks < 2) & ~on_border(surface, edges)]
-    assert len(crowded) == 0, f"{len(crowded)} non-manifold edges, first {surface.points[crowded[0]].tolist()}"
+    """Closed; an edge carries two triangles, one each way, or one in the box's border; a vertex carries one fan."""
+    ends, walks, balance = edges_of(surface)
+    border = on_border(surface, ends)
+    _refuse(surface, ends[(balance != 0) & ~border], "open")
+    _refuse(surface, ends[walks != np.where(border, 1, 2)], "non-manifold")
+    fans = _fans(surface)
+    assert (fans == 1).all(), f"vertex {surface.points[fans != 1][0].tolist()} carries {fans[fans != 1][0]} fans"
+
+
+def assert_watertight(surface: Surface) -> None:
+    """Manifold, and no edge is open: not even on the border of the set."""
+    assert_manifold(surface)
+    ends, _, balance = edges_of(surface)
+    _refuse(surface, ends[balance != 0], "open")
+
+
+def _fans(surface: Surface) -> _Ints:
+    """Return how many fans of triangles each vertex carries: triangles that share an edge there are of one fan."""
+    count, corners = len(surface.points), surface.triangles.reshape(-1)
+    number = np.arange(len(corners)).reshape(-1, 3)
+    sides = [(number[:, i], number[:, (i + 1) % 3]) for i in range(3)]
+    from_, to = (np.concatenate([side[i] for side in sides]) for i in range(2))
+    low = np.where(corners[from_] < corners[to], from_, to)
+    high = from_ + to - low
+    order = np.argsort(corners[low] * count + corners[high], kind="stable")
+    low, high = low[order], high[order]
+    same = (corners[low[1:]] == corners[low[:-1]]) & (corners[high[1:]] == corners[high[:-1]])
+    links = np.concatenate([np.stack([end[1:][same], end[:-1][same]]) for end in (low, high)], axis=1)
+    graph = coo_array((np.ones(links.shape[1], np.int8), (links[0], links[1])), shape=(len(corners),) * 2)
+    fan = connected_components(graph, directed=False)[1]
+    first = np.unique(fan, return_index=True)[1]
+    return np.bincount(corners[first], minlength=count)
 
 
 def assert_no_degenerate(surface: Surface) -> None:
     """No triangle has two equal corners or no area: exact, in integers."""
-    twice_area = doubled_areas(surface)
-    flat = np.flatnonzero((twice_area == 0).all(axis=1))
+    flat = np.flatnonzero((doubled_areas(surface) == 0).all(axis=1))
     assert len(flat) == 0, (
         f"{len(flat)} degenerate triangles, first {surface.points[surface.triangles[flat[0]]].tolist()}"
     )
@@ -96,3 +156,10 @@ def volume(surface: Surface) -> float:
     """Return the enclosed volume in cubic lattice units (float64), positive when triangles face outwards."""
     a, b, c = (surface.points[surface.triangles[:, i]].astype(np.float64) for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def as_manifold(surface: Surface) -> manifold3d.Manifold:
+    """Return the surface as manifold3d sees it: its `status()` is `NoError` only for an oriented 2-manifold."""
+    assert surface.size.max() < FLOAT32_EXACT
+    mesh = manifold3d.Mesh(surface.points.astype(np.float32), surface.triangles.astype(np.uint32))
+    return manifold3d.Manifold(mesh)
