@@ -1,0 +1,118 @@
+"""From a request to bytes: what is refused, what the bytes depend on, and what the generator token names."""
+
+import pickle
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+
+from chunkserver import pipeline
+from chunkserver.errors import BadKey, BadParameter
+from chunkserver.field import sample
+from chunkserver.grid import ChunkKey, ChunkShape
+from chunkserver.mesher import extract
+from chunkserver.pipeline import ChunkRequest, build_chunk, check_request, generator
+from chunkserver.recipe import WorldRecipe, builtin
+from chunkserver.wire import Encoding, Placement, encode
+
+TERRAIN = WorldRecipe(7, builtin("terrain"))
+REQUEST = ChunkRequest(TERRAIN, ChunkKey(0, 0, -1, 0))
+
+WRONG = [
+    ("cells", 24, "cells is 24"),
+    ("key", ChunkKey(21, 0, 0, 0), "lod is 21"),
+    ("key", ChunkKey(-1, 0, 0, 0), "lod is -1"),
+    ("key", ChunkKey(0, 1 << 35, 0, 0), f"x is {1 << 35}"),
+    ("key", ChunkKey(0, 0, -(1 << 35) - 1, 0), f"y is {-(1 << 35) - 1}"),
+    ("key", ChunkKey(20, 0, 0, 1 << 15), f"z is {1 << 15}"),
+    ("mesher", "dual", "mesher is 'dual'"),
+    ("seam", "skirts", "seam is 'skirts'"),
+    ("coarser", 1, "coarser is 1"),
+    ("coarser", -1, "coarser is -1"),
+    ("encoding", Encoding("obj"), "format is 'obj'"),
+    ("encoding", Encoding("mesh", "godot4"), "profile is 'godot4'"),
+]
+
+
+@pytest.mark.parametrize(("field", "value", "named"), WRONG)
+def test_a_bad_value_is_named_before_anything_is_built(field, value, named, monkeypatch):
+    request = replace(REQUEST, **{field: value})
+    monkeypatch.setattr(pipeline, "sample", None)
+    for refuse in (check_request, build_chunk):
+        with pytest.raises(BadKey if field == "key" else BadParameter, match=named) as refused:
+            refuse(request)
+        assert refused.value.values
+
+
+def test_what_is_right_is_left_alone():
+    check_request(REQUEST)
+    limit = 1 << 35
+    for key in (ChunkKey(0, -limit, -limit, -limit), ChunkKey(0, limit - 1, limit - 1, limit - 1)):
+        check_request(replace(REQUEST, key=key))
+
+
+def test_bytes_are_those_of_the_three_steps():
+    mesh = extract(sample(TERRAIN, REQUEST.key, ChunkShape(32, 1)))
+    chunk = build_chunk(REQUEST)
+    assert chunk.content == mesh.content == "surface"
+    assert chunk.body == encode(mesh, Placement(REQUEST.key, 32, 1.0))
+
+
+ENCODINGS = [Encoding(), Encoding(profile="f32"), Encoding("glb"), Encoding("glb", frame="chunk")]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("cells", [16, 32, 64])
+def test_the_same_request_gives_the_same_bytes(cells, encoding):
+    request = replace(REQUEST, cells=cells, encoding=encoding)
+    copy = pickle.loads(pickle.dumps(request))
+    assert copy == request
+    assert hash(copy) == hash(request)
+    assert build_chunk(copy) == build_chunk(request)
+
+
+OTHER: dict[str, Any] = {
+    "recipe": replace(TERRAIN, seed=8),
+    "key": ChunkKey(0, 1, -1, 0),
+    "cells": 16,
+    "voxel_size": 2.0,
+    "revision": 1,
+    "encoding": Encoding("glb"),
+}
+"""Another value of each field of a request that changes its bytes."""
+
+ONE_VALUE = {"mesher", "coarser", "seam"}
+"""Fields of which one value is built, or which change nothing yet."""
+
+
+@pytest.mark.parametrize("field", OTHER)
+def test_bytes_depend_on_each_field(field):
+    assert build_chunk(replace(REQUEST, **{field: OTHER[field]})).body != build_chunk(REQUEST).body
+
+
+def test_no_field_of_a_request_is_forgotten_here():
+    assert {field.name for field in fields(ChunkRequest)} == OTHER.keys() | ONE_VALUE
+
+
+def test_seams_change_nothing_while_no_neighbour_is_coarser():
+    assert build_chunk(replace(REQUEST, seam="none")) == build_chunk(REQUEST)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(("y", "content"), [(9, "air"), (-9, "rock")])
+def test_an_empty_chunk_is_no_error(y, content, encoding):
+    world = WorldRecipe(7, builtin("hills"))
+    chunk = build_chunk(ChunkRequest(world, ChunkKey(0, 0, y, 0), encoding=encoding))
+    assert chunk.content == content
+    assert isinstance(chunk.body, bytes)
+
+
+def test_the_generator_names_the_recipe_and_the_sources_but_no_seed(monkeypatch):
+    token = generator(TERRAIN)
+    assert len(token) == 16
+    assert int(token, 16) >= 0
+    assert token == generator(replace(TERRAIN, seed=-3))
+    assert token != generator(WorldRecipe(7, builtin("hills")))
+    assert token != generator(WorldRecipe(7, builtin("terrain", relief=25.0)))
+    monkeypatch.setattr(pipeline, "SOURCES_DIGEST", "other sources")
+    assert token != generator(TERRAIN)
