@@ -30,10 +30,14 @@ def token(client):
 def test_the_url_says_what_is_built(client, pool):
     client.get(f"{URL}.glb?frame=chunk&recipe=hills&seam=none&mesher=marching-cubes&coarser=0")
     client.get(f"{URL}?profile=f32")
+    client.get(f"{URL}.mesh?profile=f32&recipe=plane")
+    client.get(f"{URL}?frame=chunk", headers={"Accept": "model/gltf-binary"})
     key = ChunkKey(3, 1, -2, 5)
     assert pool.built == [
         ChunkRequest(world(42, "hills"), key, seam="none", encoding=Encoding("glb", frame="chunk")),
         ChunkRequest(world(42, "terrain"), key, encoding=Encoding("mesh", "f32")),
+        ChunkRequest(world(42, "plane"), key, encoding=Encoding("mesh", "f32")),
+        ChunkRequest(world(42, "terrain"), key, encoding=Encoding("glb", frame="chunk")),
     ]
 
 

@@ -51,6 +51,7 @@ def test_the_bounds_are_where_chunks_end(client):
     found = client.get("/v1/seeds/42").json()
     for lod in (0, found["lods"] - 1):
         side = found["chunk_cells"] << lod
+        assert not any(bound % side for bound in found["bounds"]["min"] + found["bounds"]["max"])
         for axis in range(3):
             low, beyond = found["bounds"]["min"][axis] // side, found["bounds"]["max"][axis] // side
             for chunk, status in ((low, 200), (low - 1, 422), (beyond - 1, 200), (beyond, 422)):
