@@ -1,0 +1,64 @@
+"""The chunks that are written down, and how."""
+
+import hashlib
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.grid import CELLS_BUILT, ChunkKey
+from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
+from tests.worlds import chunk_mesh
+
+FOLDER = Path(__file__).parent
+SEED = 7
+DIGEST_BYTES = 6
+
+KEYS = [
+    ChunkKey(0, 0, 0, 0),
+    ChunkKey(0, 1, -1, 0),
+    ChunkKey(0, -2, 0, 1),
+    ChunkKey(1, 3, -1, 0),
+    ChunkKey(2, -1, 0, -1),
+    ChunkKey(4, 0, -1, 0),
+    ChunkKey(0, 2**34 - 1, -1, -(2**34)),
+]
+"""Within the world for each size of chunk."""
+
+COLUMNS = ("recipe", "cells", "lod", "x", "y", "z", "content", "vertices", "triangles")
+DIGESTS = ("positions", "int8", "float32", "indices")
+WIDTHS = (8, 5, 4, 11, 3, 12, 8, 9, 9) + (2 * DIGEST_BYTES,) * len(DIGESTS)
+
+
+def chunk_lines() -> Iterator[str]:
+    """Yield the lines of `chunks.txt`: a heading, then a chunk each."""
+    yield _columns(*COLUMNS, *DIGESTS)
+    for recipe, key, cells in product(BUILTINS, KEYS, CELLS_BUILT):
+        world = WorldRecipe(SEED, builtin(recipe))
+        mesh, floats = chunk_mesh(world, key, cells), chunk_mesh(world, key, cells, "float32")
+        arrays = (mesh.positions, mesh.normals, floats.normals, mesh.triangles)
+        counts = (mesh.content, len(mesh.positions), len(mesh.triangles))
+        yield _columns(recipe, cells, *key, *counts, *(() if mesh.is_empty else map(_digest, arrays)))
+
+
+def octant_lines() -> Iterator[str]:
+    """Yield the lines of `octant.txt`: one eighth of a sphere of radius 2.25 voxels, in chunks of 16 cells."""
+    mesh = chunk_mesh(WorldRecipe(SEED, builtin("sphere", radius=2.25)), ChunkKey(0, 0, 0, 0), 16)
+    for number, (position, normal) in enumerate(zip(mesh.positions, mesh.normals, strict=True)):
+        yield _columns("vertex", number, *position, *normal, widths=(6, 4, 7, 6, 6, 6, 6, 4, 4, 4))
+    for triangle in mesh.triangles:
+        yield _columns("triangle", *triangle, widths=(8, 4, 3, 3))
+
+
+FILES = {"chunks.txt": chunk_lines, "octant.txt": octant_lines}
+
+
+def _digest(array: NDArray[np.generic]) -> str:
+    little = array.astype(array.dtype.newbyteorder("<"))
+    return hashlib.blake2b(little.tobytes(), digest_size=DIGEST_BYTES).hexdigest()
+
+
+def _columns(*values: object, widths: tuple[int, ...] = WIDTHS) -> str:
+    return " ".join(f"{value!s:>{width}}" for value, width in zip(values, widths, strict=False)).rstrip()

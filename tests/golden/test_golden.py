@@ -1,0 +1,17 @@
+"""Chunks are what they were."""
+
+import pytest
+
+from tests.golden.meshes import FILES, FOLDER
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_as_written_down(name):
+    """If a change is meant: `python -m tests.golden`, and look at the diff."""
+    assert list(FILES[name]()) == (FOLDER / name).read_text().splitlines()
+
+
+def test_there_is_something_to_compare():
+    lines = (FOLDER / "chunks.txt").read_text().splitlines()
+    assert len({line.split()[0] for line in lines if " surface " in line}) == 6, "every built-in has a surface"
+    assert 10 < len((FOLDER / "octant.txt").read_text().splitlines()) < 100
