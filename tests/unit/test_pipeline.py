@@ -51,11 +51,18 @@ def test_what_is_right_is_left_alone():
         check_request(replace(REQUEST, key=key))
 
 
-def test_bytes_are_those_of_the_three_steps():
-    mesh = extract(sample(TERRAIN, REQUEST.key, ChunkShape(32, 1)))
-    chunk = build_chunk(REQUEST)
+@pytest.mark.parametrize("cells", [16, 32, 64])
+def test_bytes_are_those_of_the_three_steps(cells):
+    key, f32 = ChunkKey(1, 3, -1, 0), Encoding(profile="f32")
+    mesh = extract(sample(TERRAIN, key, ChunkShape(cells, 1)), normals="float32")
+    chunk = build_chunk(ChunkRequest(TERRAIN, key, cells, voxel_size=0.5, revision=9, encoding=f32))
     assert chunk.content == mesh.content == "surface"
-    assert chunk.body == encode(mesh, Placement(REQUEST.key, 32, 1.0))
+    assert chunk.body == encode(mesh, Placement(key, cells, 0.5, 9), f32)
+
+
+def test_defaults_are_a_native_chunk_of_32_cells_of_a_metre():
+    mesh = extract(sample(TERRAIN, REQUEST.key, ChunkShape(32, 1)))
+    assert build_chunk(REQUEST).body == encode(mesh, Placement(REQUEST.key, 32, 1.0))
 
 
 ENCODINGS = [Encoding(), Encoding(profile="f32"), Encoding("glb"), Encoding("glb", frame="chunk")]
