@@ -25,6 +25,7 @@ from chunkserver.kernel import inlined, kernel
 from chunkserver.mesh import EMPTY, POSITION_W, Mesh, NormalKind
 from chunkserver.mesher.bits import WORD_BITS, below, first_places, lowest, popcount, without_lowest, words_for
 from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES
+from chunkserver.mesher.cell import CUBE
 from chunkserver.mesher.normals import edge_normal, store_normal
 from chunkserver.samples import Samples
 
@@ -34,8 +35,8 @@ APRON: Final = 1
 ISOVALUE: Final = np.float32(0)
 """Below is rock; exactly at it, or above, is air. `_pack` has the only comparison."""
 
-EDGE_PLACES: Final = np.array([(e >> 2, e & 1, e >> 1 & 1) for e in range(12)], np.int64)
-"""For each edge of a cell: axis, and offsets along the two other axes, lower axis first."""
+EDGE_LOWS: Final = np.array([CUBE.corners[low] for low, _ in CUBE.edges], np.int64)
+"""Where each edge of a cell starts, in cell units from the cell's low corner: (12, 3), x y z."""
 
 _Densities = NDArray[np.float32]
 _Words = NDArray[np.uint64]
@@ -61,8 +62,9 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     as_int8 = np.empty((vertices if normals == "int8" else 0, 4), np.int8)
     as_float32 = np.empty((vertices if normals == "float32" else 0, 3), np.float32)
     indices = np.empty((triangles, 3), np.uint32)
-    _fill_vertices(samples.density, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
-    _fill_triangles(rows, edges, firsts, indices)
+    flat = samples.density.reshape(-1)
+    _fill_vertices(flat, shape.samples, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
+    _fill_triangles(rows, edges.reshape(-1), firsts.reshape(-1), indices)
     return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices)
 
 
@@ -177,6 +179,7 @@ def _count_triangles(rows: _Words, y: int, z: int) -> int:
 @kernel
 def _fill_vertices(
     density: _Densities,
+    side: int,
     apron: int,
     units: int,
     edges: _Words,
@@ -184,43 +187,51 @@ def _fill_vertices(
     as_int8: NDArray[np.int8],
     as_float32: NDArray[np.float32],
 ) -> None:
-    """Write position and normal of every vertex, in the order in which `_number_vertices` counted them."""
+    """Write position and normal of every vertex, in the order in which `_number_vertices` counted them.
+
+    density: flat, `side` samples a side. A flat index and three strides: one address a sample, not three products.
+    """
     corners, _, _, words = edges.shape
+    plane, cells_per_unit = side * side, 1.0 / units
     vertex = 0
     for y in range(corners):
         for z in range(corners):
+            start = (y + apron) * plane + (z + apron) * side + apron
             for axis in range(3):
+                along = 1 if axis == 0 else plane if axis == 1 else side
                 for word in range(words):
                     left = edges[y, z, axis, word]
                     while left:
                         x = word * WORD_BITS + lowest(left)
                         left = without_lowest(left)
-                        crossing = _crossing(density, y + apron, z + apron, x + apron, axis, units)
+                        low, high = start + x, start + x + along
+                        crossing = _crossing(density[low], density[high], units)
                         positions[vertex, 0] = POSITION_LOW + units * x + (crossing if axis == 0 else 0)
                         positions[vertex, 1] = POSITION_LOW + units * y + (crossing if axis == 1 else 0)
                         positions[vertex, 2] = POSITION_LOW + units * z + (crossing if axis == 2 else 0)
                         positions[vertex, 3] = POSITION_W
-                        normal = edge_normal(density, y + apron, z + apron, x + apron, axis, crossing / units)
+                        normal = edge_normal(density, low, high, side, plane, crossing * cells_per_unit)
                         store_normal(normal, vertex, as_int8, as_float32)
                         vertex += 1
 
 
 @inlined
-def _crossing(density: _Densities, y: int, z: int, x: int, axis: int, units: int) -> int:
-    """Return where along an edge the density crosses the isovalue, in lattice units, off both corners.
-
-    The edge starts at sample (y, z, x) and is one cell long.
-    """
-    low = np.float64(density[y, z, x])
-    high = np.float64(density[y + (axis == 1), z + (axis == 2), x + (axis == 0)])
-    nearest = int(np.floor((np.float64(ISOVALUE) - low) / (high - low) * units + 0.5))
+def _crossing(low: np.float32, high: np.float32, units: int) -> int:
+    """Return where the density crosses the isovalue between two corners, in lattice units, off both corners."""
+    first, last = np.float64(low), np.float64(high)
+    nearest = int(np.floor((np.float64(ISOVALUE) - first) / (last - first) * units + 0.5))
     return min(max(nearest, 1), units - 1)
 
 
 @kernel
 def _fill_triangles(rows: _Words, edges: _Words, firsts: _Numbers, triangles: NDArray[np.uint32]) -> None:
-    """Write the triangles of every cell."""
+    """Write the triangles of every cell. edges, firsts: as `_count` fills them in, flat."""
     corners, _, words = rows.shape
+    row, plane = 3 * words, 3 * words * corners
+    # Where the words of each edge of a cell lie, from those of the cell's low corner.
+    rows_on = np.empty(12, np.int64)
+    for edge in range(12):
+        rows_on[edge] = EDGE_LOWS[edge, 1] * plane + EDGE_LOWS[edge, 2] * row + (edge >> 2) * words
     at = 0
     for y in range(corners - 1):
         for z in range(corners - 1):
@@ -231,23 +242,10 @@ def _fill_triangles(rows: _Words, edges: _Words, firsts: _Numbers, triangles: ND
                     place = lowest(left)
                     left = without_lowest(left)
                     case = _case(corner, place)
-                    x = word * WORD_BITS + place
                     for triangle in range(CUBE_COUNTS[case]):
                         for vertex in range(3):
                             edge = CUBE_EDGES[case, 3 * triangle + vertex]
-                            triangles[at, vertex] = _vertex_number(edges, firsts, y, z, x, edge)
+                            x = word * WORD_BITS + place + EDGE_LOWS[edge, 0]
+                            of_row = y * plane + z * row + rows_on[edge] + (x >> 6)
+                            triangles[at, vertex] = firsts[of_row] + popcount(edges[of_row] & below(x & 63))
                         at += 1
-
-
-@inlined
-def _vertex_number(edges: _Words, firsts: _Numbers, y: int, z: int, x: int, edge: int) -> int:
-    """Return the number of the vertex on edge `edge` of cell (y, z, x)."""
-    axis, first, second = EDGE_PLACES[edge, 0], EDGE_PLACES[edge, 1], EDGE_PLACES[edge, 2]
-    if axis == 0:
-        y, z = y + first, z + second
-    elif axis == 1:
-        x, z = x + first, z + second
-    else:
-        x, y = x + first, y + second
-    word = x >> 6
-    return int(firsts[y, z, axis, word]) + popcount(edges[y, z, axis, word] & below(x & 63))

@@ -16,31 +16,34 @@ INT8_SCALE: Final = 127.0
 
 
 @inlined
-def gradient(density: NDArray[np.float32], y: int, z: int, x: int) -> tuple[float, float, float]:
-    """Return twice the density's gradient (x, y, z) per cell at sample (y, z, x), by central differences."""
+def gradient(density: NDArray[np.float32], at: int, row: int, plane: int) -> tuple[float, float, float]:
+    """Return twice the density's gradient (x, y, z) per cell at the flat index `at`, by central differences.
+
+    density: flat, axes (y, z, x). row, plane: how far apart neighbours in z and in y are.
+    """
     return (
-        np.float64(density[y, z, x + 1]) - np.float64(density[y, z, x - 1]),
-        np.float64(density[y + 1, z, x]) - np.float64(density[y - 1, z, x]),
-        np.float64(density[y, z + 1, x]) - np.float64(density[y, z - 1, x]),
+        np.float64(density[at + 1]) - np.float64(density[at - 1]),
+        np.float64(density[at + plane]) - np.float64(density[at - plane]),
+        np.float64(density[at + row]) - np.float64(density[at - row]),
     )
 
 
 @inlined
 def edge_normal(
-    density: NDArray[np.float32], y: int, z: int, x: int, axis: int, t: float
+    density: NDArray[np.float32], low: int, high: int, row: int, plane: int, t: float
 ) -> tuple[float, float, float]:
-    """Return the unit normal at `t` along the crossed edge from sample (y, z, x) one cell along `axis`.
+    """Return the unit normal at `t` along the crossed edge from the flat index `low` to `high`. Others as `gradient`.
 
     Where the interpolated gradient is zero, it is the edge's direction towards its air corner.
     """
-    y1, z1, x1 = y + (axis == 1), z + (axis == 2), x + (axis == 0)
-    ax, ay, az = gradient(density, y, z, x)
-    bx, by, bz = gradient(density, y1, z1, x1)
+    ax, ay, az = gradient(density, low, row, plane)
+    bx, by, bz = gradient(density, high, row, plane)
     nx, ny, nz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
     square = nx * nx + ny * ny + nz * nz
     if square == 0.0:
-        towards_air = 1.0 if density[y1, z1, x1] > density[y, z, x] else -1.0
-        return towards_air * (axis == 0), towards_air * (axis == 1), towards_air * (axis == 2)
+        towards_air = 1.0 if density[high] > density[low] else -1.0
+        along = high - low
+        return towards_air * (along == 1), towards_air * (along == plane), towards_air * (along == row)
     length = np.sqrt(square)
     return nx / length, ny / length, nz / length
 
@@ -50,10 +53,10 @@ def store_normal(
     normal: tuple[float, float, float], vertex: int, as_int8: NDArray[np.int8], as_float32: NDArray[np.float32]
 ) -> None:
     """Write a unit normal into whichever of the two arrays has rows, in that array's type."""
-    for axis in range(3):
-        if as_int8.shape[0] > 0:
-            as_int8[vertex, axis] = np.int8(np.floor(normal[axis] * INT8_SCALE + 0.5))
-        else:
-            as_float32[vertex, axis] = np.float32(normal[axis])
     if as_int8.shape[0] > 0:
+        for axis in range(3):
+            as_int8[vertex, axis] = np.int8(np.floor(normal[axis] * INT8_SCALE + 0.5))
         as_int8[vertex, 3] = 0
+    else:
+        for axis in range(3):
+            as_float32[vertex, axis] = np.float32(normal[axis])
