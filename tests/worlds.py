@@ -84,7 +84,7 @@ def extremes(rng: np.random.Generator, side: int) -> Densities:
 def smooth(rng: np.random.Generator, side: int) -> Densities:
     """Return a few waves in random directions, longer than four cells."""
     waves = rng.normal(size=(4, 3))
-    waves *= rng.uniform(0.2, 1.5, (4, 1)) / np.linalg.norm(waves, axis=1)[:, None]
+    waves *= rng.uniform(0.5, 1.5, (4, 1)) / np.linalg.norm(waves, axis=1)[:, None]
     phases = rng.uniform(0, 2 * np.pi, (4, 1, 1, 1))
     along = np.tensordot(waves, np.indices((side,) * 3), axes=1)
     return np.asarray(np.sin(along + phases).sum(axis=0), np.float32)
