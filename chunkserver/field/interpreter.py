@@ -32,7 +32,9 @@ NUMBERS: Final = 5
 """Constants an instruction may have."""
 
 DENSITY_MAX: Final = np.float32(65536)
-"""The field is clamped to +-DENSITY_MAX voxels: edits add to it without overflow. NaN cannot pass: it becomes air."""
+"""The field is clamped to +-DENSITY_MAX voxels, so that edits add to it without overflow, or to +-CELLS_MAX cells where
+that is more: a surface and its normals never depend on a clamped sample. NaN cannot pass: it becomes air."""
+CELLS_MAX: Final = np.float32(4)
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
@@ -62,6 +64,7 @@ def run(
     density: (n, n * n) out, a horizontal plane each, y upwards.
     """
     planes = density.shape[0]
+    limit = max(DENSITY_MAX, CELLS_MAX * np.float32(step))
     for z in range(planes):
         for x in range(planes):
             points[0, z * planes + x] = low[0] + step * x
@@ -83,7 +86,7 @@ def run(
                 add_gradient2(points[0], points[2], constants, keys[at], a, out, fractions, words)
             elif op == SIMPLEX3:
                 add_simplex3(points[0], points[1], points[2], constants, keys[at], a, out, fractions, words)
-        _clamp(registers[result], density[plane])
+        _clamp(registers[result], limit, density[plane])
 
 
 @kernel
@@ -120,7 +123,7 @@ def _sphere(x: _Doubles, y: _Doubles, z: _Doubles, numbers: _Doubles, out: _Floa
 
 
 @kernel
-def _clamp(values: _Floats, out: _Floats) -> None:
+def _clamp(values: _Floats, limit: np.float32, out: _Floats) -> None:
     for i in range(out.size):
-        value = values[i] if values[i] > -DENSITY_MAX else -DENSITY_MAX
-        out[i] = value if values[i] < DENSITY_MAX else DENSITY_MAX
+        value = values[i] if values[i] > -limit else -limit
+        out[i] = value if values[i] < limit else limit

@@ -9,7 +9,7 @@
                                                            8  SUBTRACT   r3 <- r0, r2
 
 Instructions that do not depend on y come first and run once per chunk, for one horizontal plane of points; the rest run
-for each plane. Equal instructions are kept once. Octaves that a level has faded out are not on its tape at all.
+for each plane. Equal instructions are kept once. What a level has faded out is not on its tape at all.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from chunkserver.errors import BadRecipe
 from chunkserver.field import interpreter as op
-from chunkserver.field.levels import weight
+from chunkserver.field.levels import visible, weight
 from chunkserver.field.noise import COORDINATE_MAX
 from chunkserver.grid import LATTICE_MAX
 from chunkserver.recipe import WorldRecipe, nodes
@@ -73,7 +73,7 @@ class Tape:
 def flatten(recipe: WorldRecipe, lod: int) -> Tape:
     """Return the tape of `recipe` at level `lod`. Raises `BadRecipe` if it needs more than REGISTERS_MAX registers."""
     writer = _Writer(recipe.seed, lod)
-    root = writer.write(recipe.expression)
+    root = writer.write(visible(recipe.expression, lod))
     order = sorted(range(len(writer.steps)), key=lambda place: writer.needs_y[place])
     return _allocate(writer, order, root)
 

@@ -55,7 +55,7 @@ def test_normals_point_away_from_the_middle(cells, normals: NormalKind):
     assert worst <= NORMAL_ERROR_MAX
 
 
-@pytest.mark.parametrize("lod", [1, 2, 3, 4, 12])
+@pytest.mark.parametrize("lod", [1, 2, 3, 4, 12, 15, 16, 17, 20])
 def test_a_larger_sphere_at_a_coarser_level_is_the_same_mesh(lod):
     """Twice the radius at twice the step: powers of two change no bit."""
     larger = WorldRecipe(0, builtin("sphere", radius=RADIUS * 2**lod))
@@ -64,3 +64,16 @@ def test_a_larger_sphere_at_a_coarser_level_is_the_same_mesh(lod):
         assert np.array_equal(fine.positions, coarse.positions)
         assert np.array_equal(fine.normals, coarse.normals)
         assert np.array_equal(fine.triangles, coarse.triangles)
+
+
+@pytest.mark.parametrize(("radius", "lod"), [(200.0, 2), (200.0, 4), (6400.0, 7), (6.4e6, 16)])
+def test_caves_that_a_level_cannot_show_leave_no_trace(radius, lod):
+    """A planet without relief, seen from far away, is the ball: the cave term must not bend what it does not cut."""
+    planet = WorldRecipe(0, builtin("planet", radius=radius, relief=0.0))
+    ball = WorldRecipe(0, builtin("sphere", radius=radius))
+    side = 32 << lod
+    for key in (ChunkKey(lod, int(radius // side), 0, 0), ChunkKey(lod, -1, int(-radius // side), 0)):
+        seen, exact = chunk_mesh(planet, key), chunk_mesh(ball, key)
+        assert not exact.is_empty
+        assert np.array_equal(seen.positions, exact.positions)
+        assert np.array_equal(seen.normals, exact.normals)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from chunkserver.field import noise
-from chunkserver.field.levels import weight
+from chunkserver.field.levels import visible, weight
 from chunkserver.field.tape import noise_name
 from chunkserver.recipe import nodes
 
@@ -169,7 +169,8 @@ def combine(op: str, a: np.float32, b: np.float32) -> np.float32:
 
 def density(node: nodes.Node, seed: int, lod: int, point: list[np.float64]) -> np.float32:
     """Return the density at one point as `sample` gives it: clamped, and air where it is not a number."""
-    value = evaluate(node, seed, lod, point)
+    limit = f32(max(65536, 4 * 2**lod))
+    value = evaluate(visible(node, lod), seed, lod, point)
     if np.isnan(value):
-        return f32(65536)
-    return min(max(value, f32(-65536)), f32(65536))
+        return limit
+    return min(max(value, -limit), limit)
