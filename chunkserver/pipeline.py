@@ -11,12 +11,12 @@ from typing import Final
 
 from chunkserver.errors import BadParameter
 from chunkserver.field import sample
-from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape, check_key, check_shape
+from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.mesh import Content
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
-from chunkserver.wire import ENCODING_DEFAULT, Encoding, Placement, check_encoding, encode
+from chunkserver.wire import ENCODING_DEFAULT, Encoding, Placement, check_encodable, encode
 
 SEAMS_BUILT: Final = ("transitions", "none")
 SEAM_DEFAULT: Final = "transitions"
@@ -61,22 +61,29 @@ def generator(recipe: WorldRecipe) -> str:
 
 
 def check_request(request: ChunkRequest) -> None:
-    """Raise `BadKey` or `BadParameter` that names the value, unless `build_chunk` can answer `request`."""
-    check_shape(ChunkShape(request.cells))
-    check_key(request.key, request.cells)
+    """Raise `BadKey` or `BadParameter` that names the value, unless `request` is one that is built.
+
+    The recipe alone is not looked into: one that needs too many registers is refused by `build_chunk`.
+    """
     if request.mesher not in MESHERS:
         raise BadParameter(f"mesher is {request.mesher!r}; built are {sorted(MESHERS)}", mesher=request.mesher)
     if request.seam not in SEAMS_BUILT:
         raise BadParameter(f"seam is {request.seam!r}; built are {list(SEAMS_BUILT)}", seam=request.seam)
     if request.coarser != 0:
         raise BadParameter(f"coarser is {request.coarser}; only 0 is built", coarser=request.coarser)
-    check_encoding(request.encoding)
+    check_encodable(_placement(request), request.encoding)
 
 
 def build_chunk(request: ChunkRequest) -> Chunk:
-    """Return the chunk that `request` names. Raises what `check_request` raises; an empty chunk is no error."""
+    """Return the chunk that `request` names. An empty chunk is no error.
+
+    Raises what `check_request` raises, and `BadRecipe` for a recipe that needs too many registers.
+    """
     check_request(request)
     samples = sample(request.recipe, request.key, ChunkShape(request.cells, MESHERS[request.mesher].apron))
     mesh = extract(samples, request.mesher, request.encoding.normals)
-    placement = Placement(request.key, request.cells, request.voxel_size, request.revision, request.coarser)
-    return Chunk(mesh.content, encode(mesh, placement, request.encoding))
+    return Chunk(mesh.content, encode(mesh, _placement(request), request.encoding))
+
+
+def _placement(request: ChunkRequest) -> Placement:
+    return Placement(request.key, request.cells, request.voxel_size, request.revision, request.coarser)

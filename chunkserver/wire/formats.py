@@ -35,8 +35,9 @@ FORMATS: Final = {row.name: row for row in _ROWS}
 assert all(ENCODING_DEFAULT.profile in row.profiles and ENCODING_DEFAULT.frame in row.frames for row in _ROWS)
 
 
-def check_encoding(encoding: Encoding) -> None:
-    """Raise `BadParameter` that names the field and what is built, unless `encode` can write `encoding`."""
+def check_encodable(placement: Placement, encoding: Encoding) -> None:
+    """Raise `BadKey` or `BadParameter` that names the value, unless `encode` can write a mesh so, at this place."""
+    check_placement(placement)
     if encoding.format not in FORMATS:
         raise BadParameter(f"format is {encoding.format!r}; built are {list(FORMATS)}", format=encoding.format)
     row = FORMATS[encoding.format]
@@ -52,9 +53,8 @@ def encode(mesh: Mesh, placement: Placement, encoding: Encoding = ENCODING_DEFAU
     An empty mesh is no error: it gives a valid file without geometry.
 
     Raises `WireError` for a mesh that the format cannot hold (wrong dtypes for the profile, an index without its
-    vertex, too many vertices), and what `check_encoding` and `check_placement` raise.
+    vertex, too many vertices), and what `check_encodable` raises.
     """
-    check_encoding(encoding)
-    check_placement(placement)
+    check_encodable(placement, encoding)
     check_mesh(mesh, encoding.normals)
     return FORMATS[encoding.format].encode(mesh, placement, encoding)

@@ -1,5 +1,6 @@
 """From a request to bytes: what is refused, what the bytes depend on, and what the generator token names."""
 
+import math
 import pickle
 from dataclasses import fields, replace
 from typing import Any
@@ -7,12 +8,12 @@ from typing import Any
 import pytest
 
 from chunkserver import pipeline
-from chunkserver.errors import BadKey, BadParameter
+from chunkserver.errors import BadKey, BadParameter, BadRecipe
 from chunkserver.field import sample
 from chunkserver.grid import ChunkKey, ChunkShape
 from chunkserver.mesher import extract
 from chunkserver.pipeline import ChunkRequest, build_chunk, check_request, generator
-from chunkserver.recipe import WorldRecipe, builtin
+from chunkserver.recipe import WorldRecipe, builtin, canonical
 from chunkserver.wire import Encoding, Placement, encode
 
 TERRAIN = WorldRecipe(7, builtin("terrain"))
@@ -29,6 +30,13 @@ WRONG = [
     ("seam", "skirts", "seam is 'skirts'"),
     ("coarser", 1, "coarser is 1"),
     ("coarser", -1, "coarser is -1"),
+    ("coarser", 64, "coarser is 64; only 0"),
+    ("voxel_size", 0.0, "voxel_size is 0.0"),
+    ("voxel_size", -1.0, "voxel_size is -1.0"),
+    ("voxel_size", math.nan, "voxel_size is nan"),
+    ("voxel_size", 1e9, "voxel_size is 1000000000.0"),
+    ("revision", -1, "revision is -1"),
+    ("revision", 1 << 63, f"revision is {1 << 63}"),
     ("encoding", Encoding("obj"), "format is 'obj'"),
     ("encoding", Encoding("mesh", "godot4"), "profile is 'godot4'"),
 ]
@@ -42,6 +50,17 @@ def test_a_bad_value_is_named_before_anything_is_built(field, value, named, monk
         with pytest.raises(BadKey if field == "key" else BadParameter, match=named) as refused:
             refuse(request)
         assert refused.value.values
+
+
+def test_a_recipe_of_too_many_registers_is_refused_when_it_is_built():
+    """As the docstrings say: by `build_chunk`, not by `check_request`."""
+    wide: list[dict[str, Any]] = [{"op": "multiply", "a": {"op": "y"}, "b": n} for n in range(256)]
+    while len(wide) > 1:
+        wide = [{"op": "max", "a": a, "b": b} for a, b in zip(wide[::2], wide[1::2], strict=True)]
+    request = replace(REQUEST, recipe=WorldRecipe(7, canonical(wide[0])))
+    check_request(request)
+    with pytest.raises(BadRecipe, match="registers"):
+        build_chunk(request)
 
 
 def test_what_is_right_is_left_alone():

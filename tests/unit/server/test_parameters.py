@@ -46,7 +46,7 @@ def test_no_other_form(text):
         ("glb", {}, Encoding("glb", "std", "world")),
         ("glb", {"frame": "chunk"}, Encoding("glb", "std", "chunk")),
         ("glb", {"frame": "world"}, Encoding("glb", "std", "world")),
-        ("mesh", {"profile": "nonsense"}, Encoding("mesh", "nonsense", "world")),  # refused by check_encoding
+        ("mesh", {"profile": "nonsense"}, Encoding("mesh", "nonsense", "world")),  # refused by check_request
     ],
 )
 def test_encodings(format_name, query, expected):

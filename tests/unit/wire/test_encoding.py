@@ -5,8 +5,7 @@ import pytest
 from chunkserver.errors import BadKey, BadParameter
 from chunkserver.grid import ChunkKey
 from chunkserver.mesh import EMPTY
-from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding, Placement, check_encoding, encode
-from chunkserver.wire.encoding import check_placement
+from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding, Placement, check_encodable, encode
 from tests.unit.wire.meshes import PLACEMENT, strip
 
 BUILT = [
@@ -32,7 +31,7 @@ def test_what_is_built():
         Encoding("glb", "std", "chunk"),
     }
     for encoding in BUILT:
-        check_encoding(encoding)
+        check_encodable(PLACEMENT, encoding)
 
 
 def test_normals_follow_the_profile():
@@ -51,7 +50,7 @@ def test_normals_follow_the_profile():
 )
 def test_what_is_not_built_is_named(encoding: Encoding, field: str, built: str):
     with pytest.raises(BadParameter) as caught:
-        check_encoding(encoding)
+        check_encodable(PLACEMENT, encoding)
     assert caught.value.message.startswith(f"{field} is {getattr(encoding, field)!r}")
     assert caught.value.message.endswith(built)
     assert caught.value.values[field] == getattr(encoding, field)
@@ -74,9 +73,9 @@ def test_what_is_not_built_is_named(encoding: Encoding, field: str, built: str):
 )
 def test_a_placement_that_does_not_fit_is_named(field: str, value: Any):
     placement = PLACEMENT._replace(**{field: value})
-    with pytest.raises(BadParameter, match=f"^{field} is "):
-        check_placement(placement)
     for encoding in BUILT:
+        with pytest.raises(BadParameter, match=f"^{field} is "):
+            check_encodable(placement, encoding)
         with pytest.raises(BadParameter, match=f"^{field} is "):
             encode(EMPTY["air"], placement, encoding)
 
@@ -87,8 +86,8 @@ def test_a_key_outside_the_world():
 
 
 def test_limits_of_a_placement_are_inside():
-    check_placement(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 63))
-    check_placement(Placement(ChunkKey(0, -(2**36), 0, 2**36 - 1), 16, 2.0**-20, 0, 0))
+    check_encodable(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 63), ENCODING_DEFAULT)
+    check_encodable(Placement(ChunkKey(0, -(2**36), 0, 2**36 - 1), 16, 2.0**-20, 0, 0), ENCODING_DEFAULT)
 
 
 @pytest.mark.parametrize("encoding", BUILT)
