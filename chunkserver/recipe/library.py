@@ -11,6 +11,8 @@ from chunkserver.errors import BadRecipe
 from chunkserver.recipe.nodes import Axis, Binary, Constant, Fbm, Length, Node, Number, Simplex3, Sphere
 from chunkserver.recipe.reading import bad_recipe, canonical_tree, read_json
 
+HILLS_FREQUENCY: Final = 0.02
+HILLS_OCTAVES: Final = 5
 RELIEF_VOXELS: Final = 24.0
 CAVE_FREQUENCY: Final = 0.05
 CAVE_THRESHOLD: Final = 0.6
@@ -20,6 +22,8 @@ without moving that surface, so that an edit's strength means voxels."""
 
 SPHERE_RADIUS: Final = 48.0
 PLANET_RADIUS: Final = 200.0
+PLANET_FREQUENCY: Final = 0.01
+PLANET_OCTAVES: Final = 5
 RECIPE_DEFAULT: Final = "terrain"
 NAME_CHARACTERS_MAX: Final = 64
 
@@ -32,8 +36,8 @@ def _terrain(relief: Number = RELIEF_VOXELS) -> Node:
 
 
 def _hills(relief: Number = RELIEF_VOXELS) -> Node:
-    """A heightfield of five octaves of gradient noise, `relief` voxels high."""
-    heights = Fbm(op="fbm2", frequency=0.02, octaves=5)
+    """A heightfield of octaves of gradient noise, `relief` voxels high."""
+    heights = Fbm(op="fbm2", frequency=HILLS_FREQUENCY, octaves=HILLS_OCTAVES)
     return Binary(op="subtract", a=Axis(op="y"), b=_times(heights, relief))
 
 
@@ -55,7 +59,7 @@ def _plane() -> Node:
 
 def _planet(radius: Length = PLANET_RADIUS, relief: Number = RELIEF_VOXELS) -> Node:
     """A ball of rock with relief on its surface and caves inside."""
-    heights = Fbm(op="fbm3", frequency=0.01, octaves=5)
+    heights = Fbm(op="fbm3", frequency=PLANET_FREQUENCY, octaves=PLANET_OCTAVES)
     surface = Binary(op="subtract", a=Sphere(radius=radius), b=_times(heights, relief))
     return Binary(op="max", a=surface, b=_caves())
 

@@ -19,7 +19,8 @@ FREQUENCY_MAX: Final = 1.0
 OCTAVES_MAX: Final = 16
 RATIO_MAX: Final = 8.0
 GAIN_MIN: Final = 2.0**-10
-"""Below it an octave is lost in the rounding of the one before."""
+"""Each octave has at least about a thousandth of the amplitude of the one before: chosen to keep amplitudes sensible,
+not where float32 ends, which holds 16,384 times finer ones."""
 
 
 def _without_negative_zero(value: float) -> float:
@@ -54,7 +55,10 @@ class Constant(Node):
 
 
 class Axis(Node):
-    """One coordinate of the point, in voxels."""
+    """One coordinate of the point, in voxels, rounded to float32: exact up to 2^24 voxels, half a voxel off at 2^24 to
+    2^25, and so on. What is made of it by arithmetic inherits that; shapes and noise do not, for they work out distances
+    and lattice cells from the float64 coordinates.
+    """
 
     op: Literal["x", "y", "z"]
 
@@ -76,7 +80,11 @@ class Sphere(Node):
 
 
 class Simplex3(Node):
-    """Simplex noise in three dimensions, in [-1, 1], mean 0. `salt` tells noises of one world apart."""
+    """Simplex noise in three dimensions, in [-1, 1], mean 0. `salt` tells noises of one world apart.
+
+    Two of equal salt are the same function at another scale around the origin: noises that are combined want different
+    salts.
+    """
 
     op: Literal["simplex3"] = "simplex3"
     frequency: Frequency
@@ -87,7 +95,8 @@ class Fbm(Node):
     """Octaves of noise, summed and divided by the sum of their amplitudes: in [-1, 1], mean 0.
 
     Octave k has frequency `frequency * lacunarity**k` and amplitude `gain**k`. `fbm2` sums gradient noise over (x, z),
-    `fbm3` sums simplex noise over (x, y, z).
+    `fbm3` sums simplex noise over (x, y, z). Octave k of two with the same op and salt is the same function at another
+    scale around the origin: noises that are combined want different salts.
     """
 
     op: Literal["fbm2", "fbm3"]

@@ -24,7 +24,8 @@ class WorldRecipe:
     """A world before any edit.
 
     seed: signed 64-bit.
-    source: the expression tree as canonical JSON, as `canonical` writes it.
+    source: the expression tree as canonical JSON, as `canonical` writes it. That is trusted, not checked: another
+        spelling of the same tree is another world, with another digest, and no tree is found out by `expression`.
 
     Raises `BadRecipe` for another seed.
     """
