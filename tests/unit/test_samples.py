@@ -24,8 +24,8 @@ def test_keeps_the_array_itself():
         (GOOD.astype(np.float64), "float64"),
         (GOOD.astype(np.int32), "int32"),
         (GOOD.astype(">f4"), ">f4"),
-        (np.asfortranarray(GOOD), "C-ordered"),
-        (np.zeros((19, 19, 38), np.float32)[:, :, ::2], "C-ordered"),
+        (np.asfortranarray(GOOD), "C order"),
+        (np.zeros((19, 19, 38), np.float32)[:, :, ::2], "C order"),
     ],
 )
 def test_names_what_is_wrong_with_an_array(density, named):
