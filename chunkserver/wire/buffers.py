@@ -1,4 +1,4 @@
-"""What all formats share about a mesh: whether it can be written, its index buffer, its bounds."""
+"""What all formats share about a mesh: whether it can be written, its index buffer, its component types, its bounds."""
 
 from typing import Any, Final
 
@@ -18,6 +18,9 @@ VERTEX_BYTES_MAX: Final = 24
 """Float32 position and normal."""
 
 assert VERTICES_MAX * VERTEX_BYTES_MAX + TRIANGLES_MAX * 12 < 1 << 31, "file lengths fit 32 bits, signed ones too"
+
+COMPONENT_TYPES: Final = {"int8": 5120, "uint16": 5123, "uint32": 5125, "float32": 5126}
+"""By the numbers that OpenGL, WebGL and glTF gave them; the native format uses the same."""
 
 _NORMALS: Final[dict[NormalKind, tuple[int, str]]] = {"int8": (4, "int8"), "float32": (3, "float32")}
 
@@ -53,6 +56,11 @@ def _check_array(name: str, array: NDArray[Any], shape: tuple[int, int], dtype: 
 def narrow_indices(mesh: Mesh) -> NDArray[Any]:
     """Return the triangles as (T, 3) little-endian uint16, or uint32 above `VERTICES_U16_MAX` vertices."""
     return mesh.triangles.astype("<u2" if len(mesh.positions) <= VERTICES_U16_MAX else "<u4", copy=False)
+
+
+def component_type(array: NDArray[Any]) -> int:
+    """Return the number of the type of an array's components, one of `COMPONENT_TYPES`."""
+    return COMPONENT_TYPES[array.dtype.name]
 
 
 def bounds(mesh: Mesh) -> tuple[list[int], list[int]]:

@@ -7,7 +7,7 @@ from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape, 
 from chunkserver.mesh import NormalKind
 
 VOXEL_SIZE_MIN: Final = 2.0**-20
-"""Metres. Between the two limits every float32 and float64 that a format holds is a normal number."""
+"""Metres. Between the two limits every length in a file is 0 or a normal number, as float32 or as float64."""
 VOXEL_SIZE_MAX: Final = 2.0**20
 REVISION_MAX: Final = (1 << 63) - 1
 """Fits the native header's u64, and the signed 64 bits that most clients and stores have."""

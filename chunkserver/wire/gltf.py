@@ -12,7 +12,7 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from chunkserver.mesh import Mesh
-from chunkserver.wire.buffers import bounds, narrow_indices
+from chunkserver.wire.buffers import bounds, component_type, narrow_indices
 from chunkserver.wire.encoding import Encoding, Placement
 
 CONTAINER: Final = struct.Struct("<4s2I")
@@ -20,7 +20,6 @@ CHUNK: Final = struct.Struct("<I4s")
 VERSION: Final = 2
 ALIGNMENT: Final = 4
 
-BYTE, UNSIGNED_SHORT, UNSIGNED_INT = 5120, 5123, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 QUANTIZATION: Final = "KHR_mesh_quantization"
 
@@ -76,16 +75,22 @@ def _geometry(mesh: Mesh, buffers: list[NDArray[Any]]) -> dict[str, Any]:
         "accessors": [
             {
                 "bufferView": 0,
-                "componentType": UNSIGNED_SHORT,
+                "componentType": component_type(positions),
                 "count": len(positions),
                 "type": "VEC3",
                 "min": low,
                 "max": high,
             },
-            {"bufferView": 1, "componentType": BYTE, "normalized": True, "count": len(normals), "type": "VEC3"},
+            {
+                "bufferView": 1,
+                "componentType": component_type(normals),
+                "normalized": True,
+                "count": len(normals),
+                "type": "VEC3",
+            },
             {
                 "bufferView": 2,
-                "componentType": UNSIGNED_SHORT if indices.itemsize == 2 else UNSIGNED_INT,
+                "componentType": component_type(indices),
                 "count": indices.size,
                 "type": "SCALAR",
             },

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from chunkserver.grid import POSITION_LOW
 from chunkserver.mesh import Content, Mesh
-from chunkserver.wire.buffers import bounds, narrow_indices
+from chunkserver.wire.buffers import bounds, component_type, narrow_indices
 from chunkserver.wire.encoding import Encoding, Placement
 
 MAGIC: Final = b"CHNK"
@@ -23,8 +23,6 @@ CONTENT_CODES: Final[dict[Content, int]] = {"air": 0, "rock": 1, "surface": 2}
 GEOMETRIC_ERROR_NOT_STATED: Final = -1.0
 
 POSITIONS, NORMALS, INDICES = 1, 2, 3
-BYTE, UNSIGNED_SHORT, UNSIGNED_INT, FLOAT = 5120, 5123, 5125, 5126
-"""Component types have the numbers that OpenGL, WebGL and glTF gave them."""
 
 HEADER: Final = struct.Struct("<4sHH 3qQd IIf H6B I 6H 12x")
 BLOCK: Final = struct.Struct("<4H2I")
@@ -38,13 +36,12 @@ class Block(NamedTuple):
     """One planar array of the file. `values` is (count, components), C order, little-endian."""
 
     kind: int
-    component_type: int
     values: NDArray[Any]
 
     def entry(self, offset: int) -> bytes:
         """Return this block's row of the block table."""
         components, stride = self.values.shape[1], self.values.strides[0]
-        return BLOCK.pack(self.kind, self.component_type, components, stride, offset, self.values.nbytes)
+        return BLOCK.pack(self.kind, component_type(self.values), components, stride, offset, self.values.nbytes)
 
 
 def encode(mesh: Mesh, placement: Placement, encoding: Encoding) -> bytes:
@@ -78,7 +75,7 @@ def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[B
         PROFILE_CODES[encoding.profile],
         placement.coarser,
         CONTENT_CODES[mesh.content],
-        blocks[-1].values.itemsize if blocks else 0,
+        next((block.values.itemsize for block in blocks if block.kind == INDICES), 0),
         len(blocks),
         file_bytes,
         *low,
@@ -87,11 +84,10 @@ def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[B
 
 
 def _blocks_std(mesh: Mesh, _placement: Placement) -> list[Block]:
-    indices = narrow_indices(mesh).reshape(-1, 1)
     return [
-        Block(POSITIONS, UNSIGNED_SHORT, mesh.positions.astype("<u2", copy=False)),
-        Block(NORMALS, BYTE, mesh.normals),
-        Block(INDICES, UNSIGNED_SHORT if indices.itemsize == 2 else UNSIGNED_INT, indices),
+        Block(POSITIONS, mesh.positions.astype("<u2", copy=False)),
+        Block(NORMALS, mesh.normals),
+        Block(INDICES, narrow_indices(mesh).reshape(-1, 1)),
     ]
 
 
@@ -99,9 +95,9 @@ def _blocks_f32(mesh: Mesh, placement: Placement) -> list[Block]:
     """One rounding to float32, of a float64 product that is itself exact when `voxel_size` is a power of two."""
     metres = np.subtract(mesh.positions[:, :3], POSITION_LOW, dtype=np.float64) * placement.unit
     return [
-        Block(POSITIONS, FLOAT, metres.astype("<f4", order="C")),
-        Block(NORMALS, FLOAT, mesh.normals.astype("<f4", copy=False)),
-        Block(INDICES, UNSIGNED_INT, mesh.triangles.astype("<u4", copy=False).reshape(-1, 1)),
+        Block(POSITIONS, metres.astype("<f4", order="C")),
+        Block(NORMALS, mesh.normals.astype("<f4", copy=False)),
+        Block(INDICES, mesh.triangles.astype("<u4", copy=False).reshape(-1, 1)),
     ]
 
 
