@@ -7,7 +7,7 @@ units of that level. Vertices are welded by equality, never by distance.
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import manifold3d  # type: ignore[import-not-found]
+import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
