@@ -17,8 +17,8 @@ class Samples:
         The sample of cell unit (cx, cy, cz) is `density[cy + apron, cz + apron, cx + apron]`. y comes first so that a
         horizontal plane is contiguous: what depends on (x, z) alone is worked out once and used for every plane.
 
-    Raises `BadParameter` if the array does not have that shape, dtype and order. That it is finite is not looked at: the
-    field clamps.
+    Raises `BadParameter` if the array does not have that shape, dtype and order. The values are not looked at: the
+    field clamps them.
     """
 
     shape: ChunkShape

@@ -55,9 +55,9 @@ class Constant(Node):
 
 
 class Axis(Node):
-    """One coordinate of the point, in voxels, rounded to float32: exact up to 2^24 voxels, half a voxel off at 2^24 to
-    2^25, and so on. What is made of it by arithmetic inherits that; shapes and noise do not, for they work out distances
-    and lattice cells from the float64 coordinates.
+    """One coordinate of the point, in voxels, rounded to float32: exact up to 2^24 voxels, coarser beyond.
+
+    Arithmetic on it inherits that. Shapes and noise do not: they start from the float64 coordinates.
     """
 
     op: Literal["x", "y", "z"]

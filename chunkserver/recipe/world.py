@@ -25,7 +25,7 @@ class WorldRecipe:
 
     seed: signed 64-bit.
     source: the expression tree as canonical JSON, as `canonical` writes it. That is trusted, not checked: another
-        spelling of the same tree is another world, with another digest, and no tree is found out by `expression`.
+        spelling of the same tree has another digest, and text that is no tree fails in `expression`.
 
     Raises `BadRecipe` for another seed.
     """
