@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from chunkserver.grid import CELLS_BUILT, ChunkShape
+from chunkserver.grid import CELLS_BUILT, LATTICE_MAX, LOD_MAX, ChunkShape
 from chunkserver.recipe import WorldRecipe, builtin, canonical
 from tests.scale import TORTURE, count
 from tests.surfaces import Surface, as_manifold, assert_manifold, assert_no_degenerate, assert_watertight, volume, weld
@@ -41,6 +41,13 @@ def test_random_grids_of_several_chunks(cells, kind, rng):
     side = ChunkShape(cells).samples + cells
     surface = weld(cut(GRIDS[kind](rng, side), cells))
     assert (surface.size == 2 << 15).all()
+    assert_manifold(surface)
+    assert_no_degenerate(surface)
+
+
+def test_white_noise_in_the_largest_chunk(rng):
+    surface = weld(one_chunk(GRIDS["white noise"](rng, ChunkShape(64).samples)))
+    assert len(surface.triangles) > 500_000
     assert_manifold(surface)
     assert_no_degenerate(surface)
 
@@ -108,12 +115,28 @@ def test_the_planet_is_solid(lod, chunks):
     assert_solid(world_surface(WorldRecipe(7, builtin("planet")), lod, chunks))
 
 
+def test_a_small_planet_is_solid_at_the_finest_level():
+    assert_solid(world_surface(WorldRecipe(7, builtin("planet", radius=40, relief=12)), 0, 2))
+
+
 @pytest.mark.parametrize("corner", list(product((0, 1), repeat=3)))
 def test_far_from_the_origin(corner):
     """At the last chunks of the world's eight corners."""
     recipe, limit = WorldRecipe(5, builtin("caves")), (1 << 40) // 32
     x, y, z = (limit - 2 if last else -limit for last in corner)
     surface = weld(box_of_chunks(recipe, 0, (x, y, z), (x + 2, y + 2, z + 2)))
+    assert len(surface.triangles) > 1000
+    assert_manifold(surface)
+    assert_no_degenerate(surface)
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_far_from_the_origin_at_the_coarsest_level(last):
+    """Noise of 16 steps a lattice cell, which the level keeps."""
+    recipe = WorldRecipe(5, canonical({"op": "simplex3", "frequency": 2.0 ** -(LOD_MAX + 4)}))
+    limit = LATTICE_MAX // (32 << LOD_MAX)
+    low = limit - 2 if last else -limit
+    surface = weld(box_of_chunks(recipe, LOD_MAX, (low,) * 3, (low + 2,) * 3))
     assert len(surface.triangles) > 1000
     assert_manifold(surface)
     assert_no_degenerate(surface)

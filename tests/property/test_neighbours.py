@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from chunkserver.field import sample
-from chunkserver.grid import LATTICE_MAX, POSITION_LOW, ChunkKey, ChunkShape
+from chunkserver.grid import LATTICE_MAX, LOD_MAX, POSITION_LOW, ChunkKey, ChunkShape
 from chunkserver.mesh import Mesh
 from chunkserver.mesher import extract
 from chunkserver.recipe import WorldRecipe, builtin, canonical
@@ -18,6 +18,10 @@ from tests.worlds import GRIDS, Corner, cut
 RECIPES = {name: builtin(name) for name in ("terrain", "planet", "caves")}
 RECIPES["static"] = canonical({"op": "simplex3", "frequency": 0.97})
 """Noise as fine as a recipe may ask for: neighbouring samples have little to do with each other."""
+
+RECIPES["small planet"] = builtin("planet", radius=40)
+RECIPES["swell"] = canonical({"op": "simplex3", "frequency": 2.0 ** -(LOD_MAX + 4)})
+"""Noise that the coarsest level keeps: 16 of its steps a lattice cell."""
 
 LIMIT = LATTICE_MAX // 32
 BOXES = {
@@ -31,6 +35,8 @@ BOXES = {
     "last corner": ("caves", 0, (LIMIT - 2,) * 3),
     "first corner": ("caves", 0, (-LIMIT,) * 3),
     "last corner, coarse": ("caves", 1, (LIMIT // 2 - 2,) * 3),
+    "last corner, coarsest": ("swell", LOD_MAX, ((LIMIT >> LOD_MAX) - 2,) * 3),
+    "small planet": ("small planet", 0, (-1, -1, -1)),
     "static around zero": ("static", 0, (-1, -1, -1)),
     "static far": ("static", 0, (-LIMIT, LIMIT - 2, LIMIT - 2)),
 }
