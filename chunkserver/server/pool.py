@@ -5,13 +5,13 @@
                 +---- lost --+     once; a request that was on LOSSES_MAX lost workers is refused
 
 The supervisor keeps the number of workers: it forks one for each that is lost. When the fork server ends, or does not
-fork in time, it kills all that is left of it and starts another; jobs wait meanwhile, as long as their callers do.
+fork in time, it kills all that is left of it and starts another; jobs wait meanwhile, as long as their callers do, and
+those that it took from killed workers have lost nothing.
 Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
 """
 
 import asyncio
 import logging
-import os
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,11 +50,11 @@ class Pool:
 
     def __init__(
         self,
-        workers: int | None = None,
+        workers: int,
         limits: Limits = LIMITS_DEFAULT,
         command: Sequence[str] = FORK_SERVER,
     ) -> None:
-        self._count = workers or os.cpu_count() or 1
+        self._count = workers
         self._limits = limits
         self._command = command
         self._workers: set[Worker] = set()
@@ -124,7 +124,7 @@ class Pool:
         if worker in self._idle:
             self._idle.remove(worker)
         job = worker.job
-        if not self._closing:
+        if worker.pid != 0 and not self._closing:  # one that never came to be is told of by who asked for it
             _log.warning("worker %d is lost%s", worker.pid, f" while it built {job.request.key}" if job else "")
         if job is not None and not job.answer.done():
             self._retry(job)
@@ -155,9 +155,17 @@ class Pool:
             await self._keep_workers(fork_server)
         finally:
             self._ready.clear()
-            for worker in list(self._workers):  # their jobs are settled now, not when the pipes are seen to end
-                worker.kill()
+            self._kill_workers()
             await fork_server.end()
+
+    def _kill_workers(self) -> None:
+        """Their jobs wait again, now and not when the pipes are seen to end: this loss is no fault of theirs."""
+        self._idle.clear()
+        for worker in list(self._workers):
+            job = worker.take_back()
+            if job is not None and not job.answer.done():
+                self._waiting.appendleft(job)
+            worker.kill()
 
     async def _keep_workers(self, fork_server: ForkServer) -> None:
         while fork_server.alive:

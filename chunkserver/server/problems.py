@@ -22,6 +22,7 @@ from chunkserver.errors import (
     Unavailable,
     WorkerLost,
 )
+from chunkserver.server.workers import BuildFault
 
 MEDIA_TYPE: Final = "application/problem+json"
 TYPE_PREFIX: Final = "urn:chunkserver:problem:"
@@ -87,8 +88,7 @@ def install(app: FastAPI) -> None:
 async def answer(request: Request, error: Exception) -> Response:
     """Return the problem+json of `error`; a failure of the server is logged with its cause, never shown."""
     problem = _problem(error)
-    if problem.status == HTTPStatus.INTERNAL_SERVER_ERROR and isinstance(error, ChunkError):
-        # Any other exception is raised again by the framework, and logged by the HTTP server with its traceback.
+    if problem.status == HTTPStatus.INTERNAL_SERVER_ERROR and _is_untold(error):
         logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
     detail, values = _account(request, error)
     headers = dict(getattr(error, "headers", None) or {}) | {"Cache-Control": "no-store"}
@@ -115,6 +115,11 @@ def _problem(error: Exception) -> Problem:
         status = HTTPStatus(error.status_code)
         return PROBLEMS.get(status, Problem(status, "", status.phrase))
     return next(PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS)
+
+
+def _is_untold(error: Exception) -> bool:
+    """Whether nobody else logs it: what is no `ChunkError` is raised again, and logged by the HTTP server."""
+    return isinstance(error, ChunkError) and not isinstance(error, BuildFault)
 
 
 def _account(request: Request, error: Exception) -> tuple[str, Mapping[str, object]]:

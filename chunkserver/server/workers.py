@@ -34,7 +34,8 @@ from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.worker import ANSWER_BYTES_MAX, HEADER, REQUEST_BYTES_MAX, Answer, Warmth, frame_bytes, pack
 
-FORK_SERVER: Final = (sys.executable, "-m", "chunkserver.worker")
+FORK_SERVER: Final = (sys.executable, "-P", "-m", "chunkserver.worker")
+"""-P: what lies in the working directory is not imported."""
 FORK_SERVER_ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 """There is a worker for each core; and a process that has threads must not fork."""
 WARM_SECONDS_MAX: Final = 120.0
@@ -44,6 +45,10 @@ BUFFER_BYTES: Final = 1 << 18
 """Of each pipe, kept; a longer answer gets a buffer of its own."""
 
 _log: Final = logging.getLogger(__name__)
+
+
+class BuildFault(ChunkError):
+    """A fault of ours in a worker. Its cause is in the log when this is raised."""
 
 
 @dataclass(eq=False, slots=True)
@@ -65,7 +70,7 @@ class Job:
         if isinstance(answer, str):
             _log.error("%s failed: %s", self.request.key, answer.strip().replace("\n", " | "))
             message = "the chunk could not be built; the server's log says why"
-            answer = ChunkError(message, key=list(self.request.key))
+            answer = BuildFault(message, key=list(self.request.key))
         if self.answer.done():
             return
         if isinstance(answer, Chunk):
@@ -153,6 +158,12 @@ class Worker(_Pipe):
         self.write(job.frame)
         self._clock = asyncio.get_running_loop().call_later(build_seconds_max, self._hung, job, build_seconds_max)
 
+    def take_back(self) -> Job | None:
+        """Return the job that it has not answered, if any: it is not its own any more, and not lost with it."""
+        self._stop_clock()
+        job, self.job = self.job, None
+        return job
+
     def kill(self) -> None:
         """End it, whatever it does."""
         if self.pid != 0 and self._state is not _State.LOST:
@@ -164,7 +175,8 @@ class Worker(_Pipe):
         """Take its first word, which is its pid, or an answer. Raises `WireError` for a word that nobody asked for."""
         if self._state is _State.STARTING:
             self.pid = value
-            self.started.set_result(None)
+            if not self.started.done():
+                self.started.set_result(None)
         elif self.job is None:
             raise WireError("a worker answers what nobody has asked", pid=self.pid)
         else:
@@ -224,7 +236,11 @@ class ForkServer(_Pipe):
         """Start `worker`. Raises OSError if it says nothing in time, ConnectionError if it ends instead."""
         ours, theirs = socket.socketpair()
         with theirs:
-            socket.send_fds(self._control, [b"f"], [theirs.fileno()])
+            try:
+                socket.send_fds(self._control, [b"f"], [theirs.fileno()])
+            except OSError:
+                ours.close()
+                raise
         await asyncio.get_running_loop().create_connection(lambda: worker, sock=ours)
         async with asyncio.timeout(START_SECONDS_MAX):
             await worker.started
@@ -238,7 +254,8 @@ class ForkServer(_Pipe):
 
     def arrived(self, value: Any) -> None:
         """Take its only word."""
-        self._warmth.set_result(Warmth(*value))
+        if not self._warmth.done():
+            self._warmth.set_result(Warmth(*value))
 
     def connection_lost(self, _error: Exception | None) -> None:
         """Note that it has ended."""

@@ -44,10 +44,16 @@ def fail(_: str) -> None:
     raise RuntimeError("a fault of ours")
 
 
+def wait(marker: str) -> None:
+    """Return when `marker` names a file."""
+    while not Path(marker).exists():
+        time.sleep(0.005)
+
+
 def hang(marker: str) -> None:
-    """Say so by touching `marker`, and never return."""
+    """Write our pid to `marker`, and never return."""
     if marker:
-        Path(marker).touch()
+        Path(marker).write_text(str(os.getpid()))
     while True:
         time.sleep(60)
 
@@ -55,6 +61,7 @@ def hang(marker: str) -> None:
 DEEDS = {
     "answer": lambda _: None,
     "sleep": lambda seconds: time.sleep(float(seconds)),
+    "wait": wait,
     "die": die,
     "refuse": refuse,
     "fail": fail,

@@ -12,8 +12,10 @@ from functools import partial
 import pytest
 import uvloop
 
-from chunkserver.errors import BadKey, ChunkError, DeadlinePassed, Overloaded, Unavailable, WorkerLost
+from chunkserver.errors import BadKey, DeadlinePassed, Overloaded, Unavailable, WorkerLost
+from chunkserver.pipeline import Chunk
 from chunkserver.server.pool import LOSSES_MAX, RETRY_SECONDS, Limits, Pool
+from chunkserver.server.workers import BuildFault
 from tests.fault import stub
 from tests.fault.pools import alive, children, fork_server, right, running, until, workers
 from tests.scale import count
@@ -114,20 +116,30 @@ def test_a_request_that_kills_its_workers_is_refused_and_takes_no_other_with_it(
 
 
 @pytest.mark.parametrize("stop", [False, True], ids=["hangs", "is stopped"])
-def test_a_worker_that_takes_too_long_is_killed_alone(run, stop, caplog):
+def test_a_worker_that_takes_too_long_is_killed_alone(run, stop, caplog, tmp_path):
+    async def hang(pool: Pool) -> tuple[int, asyncio.Task[Chunk]]:
+        """Return the pid of a worker that hangs, and its job."""
+        if not stop:
+            marker = tmp_path / "hangs"
+            job = asyncio.create_task(pool.build(stub.ask("hang", str(marker))))
+            await until(lambda: marker.exists() and marker.read_text())
+            return int(marker.read_text()), job
+        pid = workers()[0]
+        os.kill(pid, signal.SIGSTOP)
+        jobs = [asyncio.create_task(pool.build(stub.ask(x=x))) for x in range(2)]  # one for each worker
+        (job,) = (await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED))[1]
+        return pid, job
+
     async def scenario():
-        async with running(limits=Limits(build_seconds=0.5)) as pool:
-            before = workers()
-            if stop:
-                os.kill(before[-1], signal.SIGSTOP)  # the one that the next job goes to
-            hung = asyncio.create_task(pool.build(stub.ask("answer" if stop else "hang")))
-            await asyncio.sleep(0)
+        async with running(limits=Limits(build_seconds=3.0)) as pool:
+            before = set(workers())
+            pid, job = await hang(pool)
             await right(pool, *range(20))
-            assert not hung.done()
+            assert not job.done()
             with pytest.raises(DeadlinePassed) as passed:
-                await hung
-            assert passed.value.values == {"build_seconds_max": 0.5}
-            await until(lambda: len(set(workers()) & set(before)) == 1 and len(workers()) == 2)
+                await job
+            assert passed.value.values == {"build_seconds_max": 3.0}
+            await until(lambda: len(workers()) == 2 and before - set(workers()) == {pid})
             await right(pool, *range(20))
 
     run(scenario())
@@ -153,7 +165,8 @@ def test_a_caller_who_leaves_does_not_spoil_the_pipe(run):
 def test_a_caller_who_leaves_the_queue_frees_the_place_and_is_not_built(run, tmp_path):
     async def scenario():
         async with running(workers=1, limits=Limits(jobs_waiting=2)) as pool:
-            busy = asyncio.create_task(pool.build(stub.ask("sleep", "0.3")))
+            over = tmp_path / "over"
+            busy = asyncio.create_task(pool.build(stub.ask("wait", str(over))))
             await asyncio.sleep(0)
             marker = tmp_path / "built"
             waiting = [asyncio.create_task(pool.build(stub.ask("die", str(marker)))) for _ in range(2)]
@@ -164,7 +177,10 @@ def test_a_caller_who_leaves_the_queue_frees_the_place_and_is_not_built(run, tmp
             for task in waiting:
                 task.cancel()
             await asyncio.wait(waiting)
-            await right(pool, 1, 2)
+            later = asyncio.create_task(right(pool, 1, 2))
+            await asyncio.sleep(0)
+            over.touch()
+            await later
             await busy
             assert not marker.exists()
 
@@ -191,9 +207,8 @@ def test_errors_keep_their_class_and_values_and_the_worker_lives(run, caplog):
             with pytest.raises(BadKey) as bad:
                 await pool.build(stub.ask("refuse"))
             assert bad.value.values == {"x": 7}
-            with pytest.raises(ChunkError) as fault:
+            with pytest.raises(BuildFault) as fault:
                 await pool.build(stub.ask("fail", x=4))
-            assert type(fault.value) is ChunkError
             assert "a fault of ours" not in str(fault.value), "what went wrong inside is not the caller's"
             assert fault.value.values == {"key": [0, 4, 0, 0]}
             assert workers() == before
@@ -215,6 +230,21 @@ def test_the_fork_server_is_killed_and_all_goes_on(run):
             assert await asyncio.gather(*slow) == [stub.answer(x) for x in range(10)]
             await until(lambda: pool.ready)
             assert not any(alive(pid) for pid in old)
+
+    run(scenario())
+
+
+def test_a_job_has_lost_nothing_when_its_worker_goes_with_the_fork_server(run, tmp_path):
+    async def scenario():
+        async with running(workers=1) as pool:
+            over = tmp_path / "over"
+            job = asyncio.create_task(pool.build(stub.ask("wait", str(over), 5)))
+            for _ in range(LOSSES_MAX):
+                await until(lambda: pool.ready)
+                os.kill(fork_server(), signal.SIGKILL)
+                await until(lambda: not pool.ready)
+            over.touch()
+            assert await job == stub.answer(5)
 
     run(scenario())
 

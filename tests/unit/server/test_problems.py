@@ -15,6 +15,7 @@ from chunkserver.server.problems import (
     Problem,
     install,
 )
+from chunkserver.server.workers import BuildFault
 
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.ChunkError)]
 SECRET = "the path of a file"
@@ -82,6 +83,12 @@ def test_a_failure_of_the_server_says_nothing_and_is_logged_with_its_cause(error
     if isinstance(error, errors.ChunkError):  # uvicorn logs the others: tests/contract/test_http_stop.py
         assert SECRET in caplog.text
         assert "the cause" in caplog.text
+
+
+def test_a_fault_that_the_log_has_already_is_not_logged_again(caplog):
+    answer = answer_to(BuildFault(SECRET))
+    assert (answer.status_code, answer.json()["type"]) == (500, "urn:chunkserver:problem:internal")
+    assert SECRET not in answer.text + caplog.text
 
 
 def test_what_the_framework_raises_keeps_its_status_and_headers():
