@@ -9,25 +9,28 @@
 
 Each message is a frame: u32 little-endian length, then that many bytes of pickle. Both ends run the same code.
 
-Nothing outlives the server, however it ends: its end of the control socket closes with it, and the fork server then
-kills its process group, so that a worker that hangs ends too. SIGINT and SIGTERM are ignored here: a stop that reaches
-the whole group lets the server finish what it has begun. Nothing here knows asyncio or loads the web stack.
+Nothing outlives the server, however it ends: its end of the control socket closes with it, and the fork server, also
+while it warms, then kills its process group, so that a worker that hangs ends too. SIGINT and SIGTERM are ignored here:
+a stop that reaches the whole group lets the server finish what it has begun. Nothing here knows asyncio or loads the
+web stack.
 """
 
 import fcntl
 import gc
 import os
 import pickle
+import select
 import shutil
 import signal
 import socket
 import struct
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple, NoReturn
 
 from chunkserver.errors import ChunkError, WireError
 from chunkserver.grid import CELLS_BUILT, ChunkKey
@@ -169,14 +172,39 @@ def main(build: Build = build_chunk, warm_up: Callable[[], Warmth] = warm) -> No
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     with socket.socket(fileno=int(sys.argv[1])) as control, suppress(ConnectionError):
-        control.sendall(pack(tuple(warm_up()), ANSWER_BYTES_MAX))
+        with _ending_with(control):
+            warmth = warm_up()
+        control.sendall(pack(tuple(warmth), ANSWER_BYTES_MAX))
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps: no worker is ever left as a zombie
         gc.collect()
         gc.freeze()  # a worker's collections leave the shared pages alone
         while descriptors := socket.recv_fds(control, 1, 1)[1]:
             _fork(control, socket.socket(fileno=descriptors[0]), build)
+    _end()
+
+
+def _end() -> NoReturn:
     with suppress(ProcessLookupError):  # when run by hand we lead no group
         os.killpg(os.getpid(), signal.SIGKILL)
+    os._exit(0)
+
+
+@contextmanager
+def _ending_with(control: socket.socket) -> Iterator[None]:
+    """Within this, end at once when the server does: warming takes long, and holds a lock that another may wait for."""
+    ours, theirs = socket.socketpair()
+    watch = threading.Thread(target=_watch, args=(control, theirs), daemon=True)
+    with theirs:
+        with ours:
+            watch.start()
+            yield
+        watch.join()  # a process that has threads must not fork
+
+
+def _watch(control: socket.socket, over: socket.socket) -> None:
+    """Wait for what comes first. The server says nothing before we are warm: what can be read is its end."""
+    if control in select.select([control, over], [], [])[0]:
+        _end()
 
 
 def _fork(control: socket.socket, pipe: socket.socket, build: Build) -> None:

@@ -11,8 +11,10 @@ import pytest
 
 from chunkserver.errors import WorkerLost
 from chunkserver.server.pool import LOSSES_MAX
+from chunkserver.server.workers import FORK_SERVER
 from tests.fault import stub
 from tests.fault.pools import alive, children, fork_server, right, running, until, workers
+from tests.scale import TORTURE
 
 
 def test_a_stop_of_the_whole_group_is_the_servers_to_answer(run):
@@ -65,6 +67,8 @@ def test_no_descriptor_or_zombie_is_left_by_200_lost_workers(run):
     run(scenario())
 
 
+GONE_SECONDS_MAX = 1.0 if TORTURE else 5.0
+"""From the end of a server to the end of the last process of it. One second is the promise, on an idle machine."""
 SERVER = """
 import asyncio, sys
 from tests.fault import stub
@@ -79,19 +83,46 @@ async def serve():
 
 asyncio.run(serve())
 """
+COLD_SERVER = """
+import asyncio, sys
+from chunkserver.server.pool import Pool
+
+WARM_UP = (
+    "import pathlib, time; from chunkserver.worker import main; "
+    f"main(warm_up=lambda: (pathlib.Path({sys.argv[1]!r}).touch(), time.sleep(600)))"
+)
+
+async def serve():
+    await Pool(1, command=(sys.executable, "-c", WARM_UP)).start()
+    await asyncio.sleep(600)
+
+asyncio.run(serve())
+"""
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_nothing_outlives_the_server_by_a_second(run, how, tmp_path):
+@pytest.mark.parametrize(("code", "left"), [(SERVER, 3), (COLD_SERVER, 1)], ids=["hung", "warming"])
+def test_nothing_outlives_the_server(run, how, code, left, tmp_path):
     async def scenario():
-        marker = tmp_path / "hangs"
-        server = await asyncio.create_subprocess_exec(sys.executable, "-c", SERVER, str(marker), cwd=stub.ROOT)
+        marker = tmp_path / "marker"
+        server = await asyncio.create_subprocess_exec(sys.executable, "-c", code, str(marker), cwd=stub.ROOT)
         await until(marker.exists)
         (forker,) = children(server.pid)
         everyone = [forker, *children(forker)]
-        assert len(everyone) == 3
+        assert len(everyone) == left
         server.send_signal(how)
         assert await server.wait() == -how
-        await until(lambda: not any(alive(pid) for pid in everyone), 1.0)
+        await until(lambda: not any(alive(pid) for pid in everyone), GONE_SECONDS_MAX)
+
+    run(scenario())
+
+
+def test_what_lies_in_the_working_directory_is_not_imported(run, tmp_path, monkeypatch):
+    (tmp_path / "numba.py").write_text("raise SystemExit('this is not Numba')")
+    monkeypatch.chdir(tmp_path)
+
+    async def scenario():
+        async with running(workers=1, command=FORK_SERVER) as pool:
+            assert pool.ready
 
     run(scenario())
