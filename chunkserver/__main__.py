@@ -6,7 +6,7 @@ from typing import Annotated, Final
 import typer
 
 from chunkserver import __version__
-from chunkserver.server import WORKERS_MAX, Settings, create_app, serve
+from chunkserver.server import WORKERS_MAX, Settings, create_app, listen, serve
 from chunkserver.worker import warm
 
 DEFAULTS: Final = Settings()
@@ -48,10 +48,11 @@ def serve_command(
     """Answer requests until SIGTERM or Ctrl-C; those in flight are answered first."""
     settings = Settings(host, port, workers, cache_bytes)
     try:
-        serve(create_app(settings), settings)
+        listening = listen(host, port)
     except OSError as error:
         typer.echo(f"cannot serve on {host} port {port}: {error}", err=True)
         raise typer.Exit(1) from None
+    serve(create_app(settings), listening)
 
 
 @app.command("warm")

@@ -1,5 +1,6 @@
 """One HTTP server until SIGTERM or SIGINT: requests in flight are answered, then the process ends with exit code 0."""
 
+import asyncio
 import logging
 import signal
 import socket
@@ -11,7 +12,6 @@ import uvicorn
 from fastapi import FastAPI
 
 from chunkserver import __version__
-from chunkserver.server.settings import Settings
 
 BACKLOG_MAX: Final = 1024
 """Connections that the operating system accepts before the server does."""
@@ -25,13 +25,14 @@ LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 logger: Final = logging.getLogger("chunkserver")
 
 
-def serve(app: FastAPI, settings: Settings) -> None:
-    """Serve `app` until a signal. Raises OSError if the address cannot be had."""
+def serve(app: FastAPI, listening: socket.socket) -> None:
+    """Serve `app` on a socket that `listen` made, until a signal; then close it."""
     logging.basicConfig(level=logging.INFO, format=LOG_FORMAT, stream=sys.stderr)
     logging.getLogger("uvicorn").setLevel(logging.ERROR)  # its warnings are about clients: anybody could fill the log
+    logging.getLogger("uvicorn.error").addFilter(_is_news)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _stop)
-    with listen(settings.host, settings.port) as listening:
+    with listening:
         logger.info("version %s on %s; kernels are compiled first, once per version", __version__, url_of(listening))
         uvicorn.Server(_config(app)).run(sockets=[listening])
 
@@ -46,6 +47,11 @@ def url_of(listening: socket.socket) -> str:
     """Return the URL of a bound socket."""
     host, port = listening.getsockname()[:2]
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    """Whether uvicorn says more than that a request was cancelled: one line counts all that a stop has cancelled."""
+    return record.exc_info is None or not isinstance(record.exc_info[1], asyncio.CancelledError)
 
 
 def _config(app: FastAPI) -> uvicorn.Config:

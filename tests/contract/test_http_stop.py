@@ -59,6 +59,23 @@ def test_a_connection_that_says_nothing_does_not_hold_up_a_stop(tmp_path):
             assert server.stop() == 0
 
 
+@pytest.mark.parametrize("path", [CHUNK, "/openapi.json"], ids=["is not answered", "does not read"])
+def test_a_client_that_holds_the_stop_is_worth_one_line(tmp_path, path):
+    log = tmp_path / "log"
+    with pytest.raises(AssertionError, match="1 lines of the log are not clean"):
+        stop_with_a_client(log, path)
+    assert "graceful shutdown exceeded" in log.read_text()
+
+
+def stop_with_a_client(log, path):
+    with serving(log, str(log.with_name("never")), "1", program=WAITING) as server:
+        host, port = server.url.removeprefix("http://").split(":")
+        with socket.create_connection((host, int(port))) as client:
+            client.sendall(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode() * 500)
+            until(lambda: "building" in log.read_text() if path == CHUNK else client.recv(1), SECONDS_MAX)
+            assert server.stop() == 0
+
+
 def test_an_unexpected_fault_is_a_500_and_its_cause_is_in_the_log(tmp_path):
     log = tmp_path / "log"
     with pytest.raises(AssertionError, match="of the log are not clean"):  # which shows that the check can fail

@@ -1,15 +1,16 @@
 """A server whose builds wait until a file appears: for tests of what a stop does to requests in flight.
 
-Run as `python -m tests.contract.waiting_server FILE`.
+Run as `python -m tests.contract.waiting_server FILE [SECONDS]`: a stop waits that long for them.
 """
 
 import asyncio
 import logging
 import sys
 from pathlib import Path
+from unittest import mock
 
 from chunkserver.pipeline import Chunk, ChunkRequest
-from chunkserver.server import Settings, create_app, serve
+from chunkserver.server import Settings, create_app, listen, run, serve
 
 
 class WaitingPool:
@@ -36,4 +37,6 @@ class WaitingPool:
 
 if __name__ == "__main__":
     settings = Settings(port=0, workers=1)
-    serve(create_app(settings, WaitingPool(Path(sys.argv[1]))), settings)
+    app = create_app(settings, WaitingPool(Path(sys.argv[1])))
+    with mock.patch.object(run, "GRACE_SECONDS", int(sys.argv[2]) if sys.argv[2:] else run.GRACE_SECONDS):
+        serve(app, listen(settings.host, settings.port))

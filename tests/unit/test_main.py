@@ -14,10 +14,11 @@ CHOSEN = Settings("::1", 8001, 3, 12345)
 
 @pytest.fixture
 def served(monkeypatch):
-    """The settings of every `serve` that the command line asks for."""
+    """The settings of every `serve` that the command line asks for, and where it listens."""
     found = []
     monkeypatch.setattr(command_line, "create_app", lambda settings: settings)
-    monkeypatch.setattr(command_line, "serve", lambda app, settings: found.append((app, settings)))
+    monkeypatch.setattr(command_line, "listen", lambda host, port: (host, port))
+    monkeypatch.setattr(command_line, "serve", lambda app, listening: found.append((app, listening)))
     for name in OPTIONS:
         monkeypatch.delenv(variable(name), raising=False)
     return found
@@ -37,17 +38,17 @@ def test_the_version():
 
 def test_the_defaults_are_those_of_the_settings(served):
     assert run("serve").exit_code == 0
-    assert served == [(Settings(), Settings())]
+    assert served == [(Settings(), (Settings().host, Settings().port))]
 
 
 def test_every_option(served):
     assert run("serve", *(word for name, value in OPTIONS.items() for word in (f"--{name}", value))).exit_code == 0
-    assert served == [(CHOSEN, CHOSEN)]
+    assert served == [(CHOSEN, ("::1", 8001))]
 
 
 def test_every_option_is_a_variable_too(served):
     assert run("serve", **{variable(name): value for name, value in OPTIONS.items()}).exit_code == 0
-    assert served == [(CHOSEN, CHOSEN)]
+    assert served == [(CHOSEN, ("::1", 8001))]
     assert set(re.findall(r"--([a-z-]+)", run("serve", "--help").stdout)) == {*OPTIONS, "help"}
 
 
@@ -63,13 +64,24 @@ def test_what_cannot_be_is_refused_by_name(served, option, value):
 
 @pytest.mark.usefixtures("served")
 def test_an_address_that_cannot_be_had(monkeypatch):
-    def serve(_app, _settings):
+    def listen(_host, _port):
         raise OSError("it is taken")
 
-    monkeypatch.setattr(command_line, "serve", serve)
+    monkeypatch.setattr(command_line, "listen", listen)
     ended = run("serve", "--port", "8001")
     assert ended.exit_code == 1
     assert ended.stderr == f"cannot serve on {Settings().host} port 8001: it is taken\n"
+
+
+@pytest.mark.usefixtures("served")
+def test_a_fault_while_it_serves_is_not_blamed_on_the_address(monkeypatch):
+    def serve(_app, _listening):
+        raise OSError("no space is left")
+
+    monkeypatch.setattr(command_line, "serve", serve)
+    ended = run("serve")
+    assert isinstance(ended.exception, OSError)
+    assert "cannot serve" not in ended.stderr
 
 
 @pytest.mark.parametrize(("compiled", "said"), [(12, "compiled 12 functions (3.5 s)"), (0, "compiled already (3.5 s)")])
