@@ -23,6 +23,7 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
         version=__version__,
         description=DESCRIPTION,
         redoc_url=None,
+        swagger_ui_oauth2_redirect_url=None,
         redirect_slashes=False,
         generate_unique_id_function=attrgetter("name"),
         lifespan=_lifespan,

@@ -58,7 +58,8 @@ def _describe(app: FastAPI) -> dict[str, Any]:
         warnings.filterwarnings("ignore", message="Duplicate Operation ID")  # GET and HEAD of a route; see below
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
     document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = PROBLEM_SCHEMA
-    for operations in document["paths"].values():
+    for path, operations in document["paths"].items():
+        document["paths"][path] = dict(sorted(operations.items()))  # FastAPI keeps the methods in a set
         if "head" in operations:
             _describe_head(operations["head"])
     return document
