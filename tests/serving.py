@@ -22,7 +22,7 @@ from typing import Final, TypeVar
 import httpx2
 
 SERVE: Final = ("-m", "chunkserver", "serve", "--port", "0")
-START_SECONDS_MAX: Final = 30.0
+START_SECONDS_MAX: Final = 120.0
 """Until it listens: Python's imports, on a busy machine."""
 READY_SECONDS_MAX: Final = 120.0
 """Until /readyz says yes: the kernels may have to be compiled, on cores that other tests use too."""
@@ -32,7 +32,7 @@ MARK: Final = "CHUNKSERVER_TEST_MARK"
 """Set for the server and so for all its children: what is left of them is found by it."""
 
 _LISTENS: Final = re.compile(r" on (http://\S+);")
-_CLEAN_LINE: Final = re.compile(r"\d{4}-\d\d-\d\d \S+ INFO ")
+_TIME: Final = r"\d{4}-\d\d-\d\d \S+"
 
 _Value = TypeVar("_Value")
 
@@ -52,11 +52,14 @@ class Server:
 
 
 @contextmanager
-def serving(log: Path, *options: str, program: tuple[str, ...] = SERVE, ready: bool = True) -> Iterator[Server]:
+def serving(
+    log: Path, *options: str, program: tuple[str, ...] = SERVE, ready: bool = True, expected: str = r"(?!)"
+) -> Iterator[Server]:
     """Run the server with `options`; at the end its log is clean, its exit code 0, and no process of it is left.
 
     program: what Python runs; another one than `chunkserver serve` says its URL in the log in the same way.
     ready: wait until /readyz answers 200.
+    expected: a pattern of what else lines of the log may begin with behind the time.
     """
     mark = secrets.token_hex(16)
     environment = {**os.environ, MARK: mark, "PYTHONUNBUFFERED": "1"}
@@ -65,15 +68,17 @@ def serving(log: Path, *options: str, program: tuple[str, ...] = SERVE, ready: b
             [sys.executable, *program, *options], stdin=subprocess.DEVNULL, stdout=sink, stderr=sink, env=environment
         )
     try:
-        server = Server(until(lambda: _listens(log, child), START_SECONDS_MAX), log, child)
+        url = until(lambda: _listens(log, child), START_SECONDS_MAX, "the server listens")
+        server = Server(url, log, child)
         if ready:
-            until(lambda: _is_ready(server), READY_SECONDS_MAX)
+            until(lambda: _is_ready(server), READY_SECONDS_MAX, "/readyz answers 200")
         yield server
         code = server.stop() if child.poll() is None else child.returncode
         assert code == 0, f"the server ended with exit code {code}"
-        unclean = [line for line in log.read_text().splitlines() if not _CLEAN_LINE.match(line)]
+        clean = re.compile(rf"{_TIME} (INFO |{expected})")
+        unclean = [line for line in log.read_text().splitlines() if not clean.match(line)]
         assert not unclean, f"{len(unclean)} lines of the log are not clean"
-        until(lambda: not processes_of(mark), STOP_SECONDS_MAX)
+        until(lambda: not processes_of(mark), STOP_SECONDS_MAX, "no process of the server is left")
     except BaseException as error:
         error.add_note(f"the server's log:\n{log.read_text()}")
         raise
@@ -83,15 +88,15 @@ def serving(log: Path, *options: str, program: tuple[str, ...] = SERVE, ready: b
         child.wait()
 
 
-def until(condition: Callable[[], _Value], seconds: float) -> _Value:
-    """Return the first true value of `condition`. Raises `TimeoutError` after `seconds` without one."""
+def until(condition: Callable[[], _Value], seconds: float, what: str = "the condition holds") -> _Value:
+    """Return the first true value of `condition`. Raises `TimeoutError`, which says `what`, after `seconds` without."""
     deadline = time.monotonic() + seconds
     while True:
         value = condition()
         if value:
             return value
         if time.monotonic() > deadline:
-            raise TimeoutError(f"not within {seconds:g} s: {condition}")
+            raise TimeoutError(f"not within {seconds:g} s: {what}")
         time.sleep(POLL_SECONDS)
 
 
