@@ -1,15 +1,20 @@
 """The image and its compose file, as far as they can be checked without a container engine."""
 
+import http.server
 import json
+import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
+import pytest
 import yaml
 from typer.main import get_command
 
 from chunkserver.__main__ import app
+from chunkserver.server.run import GRACE_SECONDS
 
 DOCKER = Path(__file__).parents[2] / "docker"
 DOCKERFILE = DOCKER / "Dockerfile"
@@ -64,8 +69,40 @@ def test_the_command_line_knows_what_the_image_says():
 def test_one_port_everywhere():
     assert last("EXPOSE") == str(PORT)
     assert json.loads(last("CMD"))[-1] == str(PORT)
-    assert f":{PORT}/readyz" in last("HEALTHCHECK")
+    assert f"127.0.0.1:{PORT}'" in last("HEALTHCHECK")
     assert service()["ports"] == [f"127.0.0.1:{PORT}:{PORT}"]
+
+
+@pytest.mark.parametrize("status", [200, 503])
+def test_the_health_check_asks_the_server_and_no_proxy(status):
+    class Ready(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(status if self.path == "/readyz" else 404)
+            self.end_headers()
+
+        def log_message(self, *_): ...
+
+    python, *arguments = json.loads(last("HEALTHCHECK").partition(" CMD ")[2])
+    assert python == "python"
+    with http.server.HTTPServer(("127.0.0.1", 0), Ready) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        command = [argument.replace(str(PORT), str(server.server_port)) for argument in arguments]
+        nowhere = os.environ | {"http_proxy": "http://127.0.0.1:1", "no_proxy": ""}
+        ended = subprocess.run([sys.executable, *command], env=nowhere, timeout=60, check=False)
+        server.shutdown()
+        thread.join()
+    assert ended.returncode == (status != 200)
+
+
+def test_compose_lets_requests_in_flight_finish():
+    seconds = int(service()["stop_grace_period"].removesuffix("s"))
+    assert GRACE_SECONDS < seconds <= 2 * GRACE_SECONDS
+
+
+def test_the_workers_fit_the_limits_of_compose():
+    workers = int(service()["environment"]["CHUNKSERVER_WORKERS"])
+    assert 1 <= workers <= service()["pids_limit"] // 8, "each is a process, and the others have threads"
 
 
 def test_compose_gives_no_privileges():
