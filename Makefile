@@ -30,7 +30,7 @@ bench: $(DEV)
 lint: $(DEV)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy chunkserver tests $(wildcard benchmarks)
+	$(BIN)/mypy chunkserver tests benchmarks
 
 format: $(DEV)
 	$(BIN)/ruff check --fix-only

@@ -1,4 +1,6 @@
-"""Whatever is public says what it is. What a docstring has to say, no test can check: docs/ARCHITECTURE.md."""
+"""Whatever is public says what it is. What a docstring has to say, no test can check: docs/CONVENTIONS.md, "Docstrings
+of public functions".
+"""
 
 import ast
 from collections.abc import Iterator

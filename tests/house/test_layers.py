@@ -1,4 +1,4 @@
-"""Who may import whom: docs/ARCHITECTURE.md, "Dependency rule"."""
+"""Who may import whom: docs/ARCHITECTURE.md, "What may see what"."""
 
 import ast
 import graphlib

@@ -1,4 +1,4 @@
-"""Words that say nothing: docs/ARCHITECTURE.md, "Names". Whole words only: `metadata` and `database` are fine."""
+"""Words that say nothing: docs/CONVENTIONS.md, "Names". Whole words only: `metadata` and `database` are fine."""
 
 import ast
 import re

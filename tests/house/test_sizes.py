@@ -1,4 +1,4 @@
-"""How long things are: docs/ARCHITECTURE.md, "Size". A docstring counts: it is read, too."""
+"""How long things are: docs/CONVENTIONS.md, "Names". A docstring counts: it is read, too."""
 
 from collections.abc import Iterator
 
