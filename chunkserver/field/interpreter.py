@@ -83,7 +83,7 @@ def run(
             elif op == SPHERE:
                 _sphere(points[0], points[1], points[2], constants, out)
             elif op == GRADIENT2:
-                add_gradient2(points[0], points[2], constants, keys[at], a, out, fractions, words)
+                add_gradient2(points[0], points[1], points[2], constants, keys[at], a, out, fractions, words)
             elif op == SIMPLEX3:
                 add_simplex3(points[0], points[1], points[2], constants, keys[at], a, out, fractions, words)
         _clamp(registers[result], limit, density[plane])

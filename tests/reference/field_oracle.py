@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.field import noise
+from chunkserver.field.noise import lattice
 
 Doubles = NDArray[np.float64]
 Words = NDArray[np.uint32]
@@ -28,8 +28,8 @@ def corner_bits(corner: Sequence[Integers], axes: Sequence[np.uint32], keys: Seq
     for i, axis, key in zip(corner, axes, keys, strict=True):
         word = i.view(np.uint64) + np.uint64(splits * EXPONENT % 2**64)
         low, high = word.astype(np.uint32), (word >> np.uint64(32)).astype(np.uint32)
-        total = total + stir(low * axis + high * noise.PAGE + np.uint32(key), noise.ROUND_1)
-    return stir(total, noise.ROUND_2)
+        total = total + stir(low * axis + high * lattice.PAGE + np.uint32(key), lattice.ROUND_1)
+    return stir(total, lattice.ROUND_2)
 
 
 def third(bits: Words) -> Integers:
@@ -64,7 +64,9 @@ def simplex3(points: Doubles, keys: Sequence[int], cells: Integers | None = None
     for step in itertools.product(range(-1, 3), repeat=3):
         corner = np.floor(skewed).astype(np.int64) + step
         away = points - (corner - corner.sum(1, keepdims=True) / 6)
-        bits = corner_bits(list((whole + corner).T.copy()), (noise.AXIS_X, noise.AXIS_Y, noise.AXIS_Z), keys, splits=2)
+        bits = corner_bits(
+            list((whole + corner).T.copy()), (lattice.AXIS_X, lattice.AXIS_Y, lattice.AXIS_Z), keys, splits=2
+        )
         left = np.maximum(0.5 - (away**2).sum(1), 0)
         value += left**4 * (gradient_3(bits) * away).sum(1)
     return value * 76.8
@@ -90,7 +92,7 @@ def gradient2(points: Doubles, keys: Sequence[int], cells: Integers | None = Non
         away = flat - (corner - 0.5)
         bits = corner_bits(
             [corner[:, 0].astype(np.int64) + whole[:, 0], corner[:, 1].astype(np.int64) + whole[:, 2]],
-            (noise.AXIS_X, noise.AXIS_Z),
+            (lattice.AXIS_X, lattice.AXIS_Z),
             (keys[0], keys[2]),
             splits=1,
         )

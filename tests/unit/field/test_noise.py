@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from chunkserver.field import noise
+from chunkserver.field.noise import gradient, lattice, simplex
 from chunkserver.field.tape import noise_name
 from chunkserver.recipe.library import CAVE_FREQUENCY, CAVE_SCALE, CAVE_THRESHOLD
-from tests.reference import field_oracle, field_twin
+from tests.reference import field_oracle, noise_twin
 from tests.scale import count
 
 BASES: Final = ("gradient2", "simplex3")
@@ -34,7 +35,7 @@ def evaluate(
     below, out = np.zeros(len(points), np.float32), np.empty(len(points), np.float32)
     rest = (numbers, np.array(keys, np.uint32), below, out, *noise.scratch())
     if basis == "gradient2":
-        noise.add_gradient2(x, z, *rest)
+        noise.add_gradient2(x, y, z, *rest)
     else:
         noise.add_simplex3(x, y, z, *rest)
     return out
@@ -42,8 +43,8 @@ def evaluate(
 
 def twin(basis: str, points: NDArray[np.float64]) -> NDArray[np.float32]:
     if basis == "gradient2":
-        return np.array([field_twin.gradient2(x, z, KEYS) for x, _, z in points], np.float32)
-    return np.array([field_twin.simplex3(x, y, z, KEYS) for x, y, z in points], np.float32)
+        return np.array([noise_twin.gradient2(x, z, KEYS) for x, _, z in points], np.float32)
+    return np.array([noise_twin.simplex3(x, y, z, KEYS) for x, y, z in points], np.float32)
 
 
 def corners_and_ties(rng, n):
@@ -90,7 +91,7 @@ def test_noise_is_added_with_its_amplitude(basis, rng):
     x, y, z = np.ascontiguousarray(points.T)
     below, out = rng.normal(size=300).astype(np.float32), np.empty(300, np.float32)
     rest = (np.array([0.75, 1, 0, 0, 0.0]), np.array(KEYS, np.uint32), below, out, *noise.scratch())
-    noise.add_gradient2(x, z, *rest) if basis == "gradient2" else noise.add_simplex3(x, y, z, *rest)
+    noise.add_gradient2(x, y, z, *rest) if basis == "gradient2" else noise.add_simplex3(x, y, z, *rest)
     assert np.array_equal(out, below + np.float32(0.75) * evaluate(basis, points))
 
 
@@ -119,12 +120,12 @@ def test_supremum_of_simplex_noise_is_what_its_scale_says(rng):
 
     def best(points):
         away = points[:, None, :] - corners
-        kernel = np.maximum(float(noise.SIMPLEX_REACH) - (away**2).sum(2), 0) ** 4
+        kernel = np.maximum(float(simplex.REACH) - (away**2).sum(2), 0) ** 4
         by_size = np.sort(np.abs(away), axis=2)
         return (kernel * (by_size[:, :, 1] + by_size[:, :, 2])).sum(1)
 
     supremum = climb(best, rng.dirichlet(np.ones(4), 20_000) @ corners, rng)
-    assert 0.998 < supremum * float(noise.SIMPLEX_SCALE) < 1
+    assert 0.998 < supremum * float(simplex.SIMPLEX3_SCALE) < 1
 
 
 def test_supremum_of_gradient_noise_is_what_its_scale_says(rng):
@@ -141,7 +142,7 @@ def test_supremum_of_gradient_noise_is_what_its_scale_says(rng):
         return total
 
     supremum = climb(best, rng.uniform(0, 1, (20_000, 2)), rng)
-    assert 0.998 < supremum * float(noise.GRADIENT_SCALE) < 1
+    assert 0.998 < supremum * float(gradient.GRADIENT2_SCALE) < 1
 
 
 def climb(function, points, rng) -> float:
@@ -226,7 +227,7 @@ def along(axis: int, side: int) -> NDArray[np.int64]:
 
 
 def field_axes() -> tuple[np.uint32, np.uint32, np.uint32]:
-    return noise.AXIS_X, noise.AXIS_Y, noise.AXIS_Z
+    return lattice.AXIS_X, lattice.AXIS_Y, lattice.AXIS_Z
 
 
 def chi_square_sigmas(counts: NDArray[np.int64]) -> float:

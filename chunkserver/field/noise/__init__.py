@@ -1,0 +1,22 @@
+"""Noise over points: hashes and blends, no table gathers, written so that the loops vectorise.
+
+Every noise is a function of one shape, `add_<noise>(x, y, z, numbers, keys, below, out, fractions, words)`. It writes
+
+    out = below + amplitude * noise(frequency * point + offset)
+
+x, y, z: (n,) float64 coordinates, voxels; 2-D noises do not read y.
+numbers: (5 or more,) float64: amplitude, frequency (lattice cells per voxel), offsets of x, y, z (lattice cells), then
+    what a noise has of its own.
+keys: (3,) uint32, the noise's hash keys of x, y, z.
+below, out: (n,) float32 that do not overlap.
+fractions, words: scratch memory, as `scratch` makes it.
+
+Defined where the coordinates in lattice cells are at most COORDINATE_MAX. Only + - * sqrt and comparisons: the same
+bits on every machine. `tests/reference/noise_twin.py` says it all again in plain Python, point by point.
+"""
+
+from chunkserver.field.noise.gradient import add_gradient2
+from chunkserver.field.noise.lattice import COORDINATE_MAX, scratch
+from chunkserver.field.noise.simplex import add_simplex3
+
+__all__ = ["COORDINATE_MAX", "add_gradient2", "add_simplex3", "scratch"]
