@@ -20,7 +20,7 @@ def octave(
     """Return one octave of noise at a point: 3-D simplex, or 2-D gradient noise for `fbm2`."""
     offsets, keys = noise_name(seed, node.salt, band)
     x, y, z = (c * frequency + offset for c, offset in zip(point, offsets, strict=True))
-    return gradient2(x, z, keys) if node.op == "fbm2" else simplex3(x, y, z, keys)
+    return gradient2(x, y, z, keys) if node.op == "fbm2" else simplex3(x, y, z, keys)
 
 
 def evaluate(node: nodes.Node, seed: int, lod: int, point: list[np.float64]) -> np.float32:

@@ -5,8 +5,8 @@ Every noise is a function of one shape, `add_<noise>(x, y, z, numbers, keys, bel
     out = below + amplitude * noise(frequency * point + offset)
 
 x, y, z: (n,) float64 coordinates, voxels; 2-D noises do not read y.
-numbers: (5 or more,) float64: amplitude, frequency (lattice cells per voxel), offsets of x, y, z (lattice cells), then
-    what a noise has of its own.
+numbers: (5 or more,) float64: amplitude, frequency (lattice cells per voxel), offsets of x, y, z (lattice cells); for
+    cellular noise jitter in [0, 1] and what it returns (`cellular.py`).
 keys: (3,) uint32, the noise's hash keys of x, y, z.
 below, out: (n,) float32 that do not overlap.
 fractions, words: scratch memory, as `scratch` makes it.
@@ -15,8 +15,9 @@ Defined where the coordinates in lattice cells are at most COORDINATE_MAX. Only 
 bits on every machine. `tests/reference/noise_twin.py` says it all again in plain Python, point by point.
 """
 
+from chunkserver.field.noise.facts import NOISES, Facts
 from chunkserver.field.noise.gradient import add_gradient2
 from chunkserver.field.noise.lattice import COORDINATE_MAX, scratch
 from chunkserver.field.noise.simplex import add_simplex3
 
-__all__ = ["COORDINATE_MAX", "add_gradient2", "add_simplex3", "scratch"]
+__all__ = ["COORDINATE_MAX", "NOISES", "Facts", "add_gradient2", "add_simplex3", "scratch"]

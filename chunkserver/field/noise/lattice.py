@@ -23,7 +23,7 @@ from chunkserver.kernel import inlined, kernel
 BLOCK: Final = 256
 """Points at a time: loop 2 of cellular noise reads and writes 15 rows of four bytes, 15 KB a block."""
 FRACTION_ROWS: Final = 5
-WORD_ROWS: Final = 10
+WORD_ROWS: Final = 16
 
 COORDINATE_MAX: Final = 2.0**50
 """Noise is defined for coordinates, in lattice cells, up to this magnitude."""
@@ -54,6 +54,7 @@ FIRST_THIRD: Final = np.int32(-(2**32 // 6))
 LAST_THIRD: Final = np.int32(2**32 // 6)
 """A hash as a signed number falls below, between or above these: three equal parts."""
 _SIGN: Final = np.uint32(1 << 31)
+_TO_UNIT: Final = np.float32(2.0**-31)
 _LAST: Final = np.uint32(0xFFFFFFFF)
 
 Floats = NDArray[np.float32]
@@ -132,6 +133,12 @@ def flip(value: np.float32, bits: np.uint32) -> np.float32:
     """Return `value` with its sign flipped if the top bit is set."""
     flipped: Any = np.uint32(np.float32(value).view(np.uint32) ^ (bits & _SIGN))
     return np.float32(flipped.view(np.float32))
+
+
+@inlined
+def unit(bits: np.uint32) -> np.float32:
+    """Return the bits as a number in [-1, 1], evenly spread."""
+    return np.float32(np.float32(np.int32(bits)) * _TO_UNIT)
 
 
 @inlined

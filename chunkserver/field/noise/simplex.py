@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from chunkserver.field.noise.gradient import dot2
 from chunkserver.field.noise.lattice import (
     AXIS_X,
     AXIS_Y,
@@ -37,6 +38,96 @@ _THIRD: Final = np.float32(1 / 3)
 _SIXTH: Final = np.float32(1 / 6)
 _STEP_1: Final = np.float32(1 / 6 - 1)
 _STEP_2: Final = np.float32(1 / 3 - 1)
+SIMPLEX2_SCALE: Final = np.float32(99.5)
+"""Brings 2-D simplex noise into [-1, 1] in the same way: its supremum is 1/99.609."""
+
+SKEW: Final = np.float32(4 / 11)
+UNSKEW: Final = np.float32(4 / 19)
+"""The 2-D skew and its way back. Equilateral triangles want (sqrt(3) - 1)/2, 0.7 % more, which cannot be split into
+whole numbers. With 4/11 the squared edges are as 241 to 242, and the kernels still end inside the triangles."""
+_STEP_X: Final = np.float32(4 / 19 - 1)
+_STEP_XZ: Final = np.float32(8 / 19 - 1)
+
+
+@kernel
+def add_simplex2(
+    x: Doubles,
+    y: Doubles,  # noqa: ARG001 - all noises have one signature
+    z: Doubles,
+    numbers: Doubles,
+    keys: Words,
+    below: Floats,
+    out: Floats,
+    fractions: Floats,
+    words: Words,
+) -> None:
+    """Write below + amplitude * 2-D simplex noise in [-1, 1], mean 0. Arguments: see the package.
+
+    The plane is skewed along its diagonal, p -> p + sum(p) * 4/11, so that squares fall into two triangles each. With
+    p split into cell c and fraction f, and sum(c) = 11q + r, the skew is 4q + (r + sum f) * 4/11. The low corner of the
+    point's square is c + 4q + a, where a = floor(f + (r + sum f) * 4/11); unskewed it lies at
+    c + a - (r + sum a) * 4/19, from which q is gone. q is taken one too low: then a is 1 to 6, never negative.
+    """
+    amplitude, key_x, key_z = np.float32(numbers[0]), keys[0], keys[2]
+    for start in range(0, out.size, BLOCK):
+        stop = min(start + BLOCK, out.size)
+        _split_simplex2(x[start:stop], z[start:stop], numbers, fractions, words)
+        belows, outs = below[start:stop], out[start:stop]
+        for i in range(stop - start):
+            fx, fz, rest = fractions[i], fractions[i + BLOCK], fractions[i + 2 * BLOCK]
+            skew = np.float32(np.float32(np.float32(fx + fz) + rest) * SKEW)
+            ax, az = floor32(np.float32(fx + skew)), floor32(np.float32(fz + skew))
+            unskew = np.float32(np.float32(np.float32(ax + az) + rest) * UNSKEW)
+            x0, x1 = axis_hashes(words[i], words[i + BLOCK], np.uint32(np.int32(ax)), AXIS_X, key_x)
+            z0, z1 = axis_hashes(words[i + 2 * BLOCK], words[i + 3 * BLOCK], np.uint32(np.int32(az)), AXIS_Z, key_z)
+            noise = _simplex2(np.float32(fx - ax) + unskew, np.float32(fz - az) + unskew, x0, x1, z0, z1)
+            outs[i] = belows[i] + np.float32(amplitude * noise)
+
+
+@kernel
+def _split_simplex2(x: Doubles, z: Doubles, numbers: Doubles, fractions: Floats, words: Words) -> None:
+    """Split coordinates of up to BLOCK points: f, r in rows of fractions, the words of c + 4q in rows of words."""
+    frequency, offset_x, offset_z = numbers[1], numbers[2], numbers[4]
+    for i in range(x.size):
+        px, pz = x[i] * frequency + offset_x, z[i] * frequency + offset_z
+        (cell_x, ix), (cell_z, iz) = nearest(px), nearest(pz)
+        total = cell_x + cell_z
+        q, iq = nearest(total * (1 / 11) - 1.0)
+        fractions[i], fractions[i + BLOCK] = px - cell_x, pz - cell_z
+        fractions[i + 2 * BLOCK] = total - 11.0 * q
+        ix, iz = ix + (iq << np.uint64(2)), iz + (iq << np.uint64(2))
+        words[i], words[i + BLOCK] = ix, ix >> np.uint64(32)
+        words[i + 2 * BLOCK], words[i + 3 * BLOCK] = iz, iz >> np.uint64(32)
+
+
+@inlined
+def _simplex2(dx: np.float32, dz: np.float32, x0: np.uint32, x1: np.uint32, z0: np.uint32, z1: np.uint32) -> np.float32:
+    """Return simplex noise at (dx, dz) from the low corner of a square with these hashes per axis, low and high."""
+    x_first = dx >= dz
+    middle = np.uint32((x1 if x_first else x0) + (z0 if x_first else z1))
+    value = _corner2(np.uint32(x0 + z0), dx, dz)
+    value += _corner2(
+        middle,
+        np.float32(dx + (_STEP_X if x_first else UNSKEW)),
+        np.float32(dz + (UNSKEW if x_first else _STEP_X)),
+    )
+    value += _corner2(np.uint32(x1 + z1), np.float32(dx + _STEP_XZ), np.float32(dz + _STEP_XZ))
+    return np.float32(value * SIMPLEX2_SCALE)
+
+
+@inlined
+def _corner2(sum_of_axes: np.uint32, dx: np.float32, dz: np.float32) -> np.float32:
+    """Return one corner's kernel times its gradient, one of the sixteen of gradient noise."""
+    return _times_kernel(np.float32(np.float32(dx * dx) + np.float32(dz * dz)), dot2(sum_of_axes, dx, dz))
+
+
+@inlined
+def _times_kernel(square: np.float32, slope: np.float32) -> np.float32:
+    """Return a corner's slope, times (REACH - squared distance)^4 or 0 where that is negative."""
+    left = np.float32(REACH - square)
+    left = left if left > ZERO else ZERO
+    left = np.float32(left * left)
+    return np.float32(np.float32(left * left) * slope)
 
 
 @kernel
@@ -127,27 +218,25 @@ def _simplex3(
     tx, ty, tz = x_over_y | x_over_z, (not x_over_y) | y_over_z, not (x_over_z & y_over_z)
     corner_1 = np.uint32((x1 if sx else x0) + (y1 if sy else y0) + (z1 if sz else z0))
     corner_2 = np.uint32((x1 if tx else x0) + (y1 if ty else y0) + (z1 if tz else z0))
-    value = _simplex_corner(np.uint32(x0 + y0 + z0), dx, dy, dz)
-    value += _simplex_corner(
+    value = _corner3(np.uint32(x0 + y0 + z0), dx, dy, dz)
+    value += _corner3(
         corner_1,
         np.float32(dx + (_STEP_1 if sx else _SIXTH)),
         np.float32(dy + (_STEP_1 if sy else _SIXTH)),
         np.float32(dz + (_STEP_1 if sz else _SIXTH)),
     )
-    value += _simplex_corner(
+    value += _corner3(
         corner_2,
         np.float32(dx + (_STEP_2 if tx else _THIRD)),
         np.float32(dy + (_STEP_2 if ty else _THIRD)),
         np.float32(dz + (_STEP_2 if tz else _THIRD)),
     )
-    value += _simplex_corner(
-        np.uint32(x1 + y1 + z1), np.float32(dx - HALF), np.float32(dy - HALF), np.float32(dz - HALF)
-    )
+    value += _corner3(np.uint32(x1 + y1 + z1), np.float32(dx - HALF), np.float32(dy - HALF), np.float32(dz - HALF))
     return np.float32(value * SIMPLEX3_SCALE)
 
 
 @inlined
-def _simplex_corner(sum_of_axes: np.uint32, dx: np.float32, dy: np.float32, dz: np.float32) -> np.float32:
+def _corner3(sum_of_axes: np.uint32, dx: np.float32, dy: np.float32, dz: np.float32) -> np.float32:
     """Return one corner's kernel times its gradient, one of the twelve (+-1, +-1, 0) and their permutations."""
     bits = stir(sum_of_axes, ROUND_2)
     # Two bits are the signs; the rest, as a signed number, falls into one of three thirds and names the axis left out.
@@ -156,7 +245,4 @@ def _simplex_corner(sum_of_axes: np.uint32, dx: np.float32, dy: np.float32, dz: 
     v = dy if third > LAST_THIRD else dz
     slope = np.float32(flip(u, bits) + flip(v, np.uint32(bits << np.uint32(1))))
     square = np.float32(np.float32(np.float32(dx * dx) + np.float32(dy * dy)) + np.float32(dz * dz))
-    left = np.float32(REACH - square)
-    left = left if left > ZERO else ZERO
-    left = np.float32(left * left)
-    return np.float32(np.float32(left * left) * slope)
+    return _times_kernel(square, slope)

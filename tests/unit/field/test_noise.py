@@ -43,7 +43,7 @@ def evaluate(
 
 def twin(basis: str, points: NDArray[np.float64]) -> NDArray[np.float32]:
     if basis == "gradient2":
-        return np.array([noise_twin.gradient2(x, z, KEYS) for x, _, z in points], np.float32)
+        return np.array([noise_twin.gradient2(x, y, z, KEYS) for x, y, z in points], np.float32)
     return np.array([noise_twin.simplex3(x, y, z, KEYS) for x, y, z in points], np.float32)
 
 
