@@ -7,9 +7,10 @@ from operator import attrgetter
 from fastapi import FastAPI
 
 from chunkserver import __version__
-from chunkserver.server import chunks, health, landing, openapi, problems, seeds
+from chunkserver.server import chunks, health, landing, openapi, problems, recipes, seeds
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.pool import Pool
+from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.service import Builder, Service
 from chunkserver.server.settings import Settings
 
@@ -28,8 +29,8 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
         generate_unique_id_function=attrgetter("name"),
         lifespan=_lifespan,
     )
-    app.state.service = Service(pool or Pool(settings.workers), ChunkCache(settings.cache_bytes))
-    for room in (landing, health, seeds, chunks):
+    app.state.service = Service(pool or Pool(settings.workers), ChunkCache(settings.cache_bytes), PostedRecipes())
+    for room in (landing, health, recipes, seeds, chunks):
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)

@@ -22,7 +22,7 @@ from chunkserver.server.parameters import (
     encoding_of,
     refuse_repeats,
 )
-from chunkserver.server.problems import OldGenerator
+from chunkserver.server.problems import OldGenerator, UnknownRecipe
 from chunkserver.server.service import Service, ServiceOfApp
 from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding
 
@@ -51,7 +51,8 @@ def _responses(*format_names: str) -> Responses:
         **({204: empty} if WITHOUT_BODY in format_names else {}),
         304: {"description": "The client has these bytes. Nothing was built.", "headers": _HEADERS},
         **problem_responses(
-            BadKey, BadParameter, BadRecipe, OldGenerator, Unavailable, DeadlinePassed, Overloaded, WorkerLost
+            *(BadKey, BadParameter, BadRecipe, UnknownRecipe, OldGenerator),
+            *(Unavailable, DeadlinePassed, Overloaded, WorkerLost),
         ),
     }
 
@@ -68,7 +69,7 @@ async def native_chunk(
     place: PlaceOfUrl, query: Annotated[NativeQuery, Query()], service: ServiceOfApp, if_none_match: IfNoneMatch = ()
 ) -> Response:
     """One chunk in the native format: typed arrays that engines upload as they are. An empty chunk is a 204."""
-    wanted = chunk_request(place, query, Encoding("mesh", profile=query.profile))
+    wanted = chunk_request(place, query, Encoding("mesh", profile=query.profile), service.posted)
     return await answer(service, wanted, query.g, if_none_match)
 
 
@@ -77,7 +78,7 @@ async def glb_chunk(
     place: PlaceOfUrl, query: Annotated[GlbQuery, Query()], service: ServiceOfApp, if_none_match: IfNoneMatch = ()
 ) -> Response:
     """One chunk as binary glTF. An empty chunk is a valid file without a mesh."""
-    wanted = chunk_request(place, query, Encoding("glb", frame=query.frame))
+    wanted = chunk_request(place, query, Encoding("glb", frame=query.frame), service.posted)
     return await answer(service, wanted, query.g, if_none_match)
 
 
@@ -91,7 +92,7 @@ async def any_chunk(
 ) -> Response:
     """One chunk in the format that `Accept` chooses; the native one if it names none that is served."""
     format_name = MEDIA_TYPES[preferred(request.headers.getlist("accept"), MEDIA_TYPES)]
-    wanted = chunk_request(place, query, encoding_of(format_name, query))
+    wanted = chunk_request(place, query, encoding_of(format_name, query), service.posted)
     return await answer(service, wanted, query.g, if_none_match)
 
 

@@ -21,6 +21,11 @@ def etag(request: ChunkRequest) -> str:
     return hashlib.blake2b(named, digest_size=ETAG_BYTES).hexdigest()
 
 
+def body_etag(body: bytes) -> str:
+    """Return the strong entity tag of an answer that is made anyway, without its quotes: hex."""
+    return hashlib.blake2b(body, digest_size=ETAG_BYTES).hexdigest()
+
+
 def is_known(if_none_match: Iterable[str], tag: str) -> bool:
     """Return whether a client that sent these `If-None-Match` fields has the bytes named `tag` (weak comparison)."""
     return any(field.strip() == "*" or tag in _ENTITY_TAG.findall(field) for field in if_none_match)

@@ -9,8 +9,13 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
 from chunkserver.server.openapi import RESOURCE, problem_responses
+from chunkserver.server.recipes import DESCRIBED
 
 _PAGE: Final = Template(Path(__file__).with_name("landing.html").read_text(encoding="utf-8"))
+_RECIPES: Final = "\n".join(
+    f'  <li><a href="/v1/recipes/{row.name}">{row.name}</a>: {html.escape(row.description)}</li>'
+    for row in DESCRIBED.values()
+)
 
 router: Final = APIRouter(tags=["operations"])
 
@@ -24,4 +29,5 @@ router: Final = APIRouter(tags=["operations"])
 )
 async def landing(request: Request) -> HTMLResponse:
     """What this server is, with links to its documentation and an example chunk."""
-    return HTMLResponse(_PAGE.substitute(server=html.escape(str(request.base_url).rstrip("/"))))
+    server = html.escape(str(request.base_url).rstrip("/"))
+    return HTMLResponse(_PAGE.substitute(server=server, recipes=_RECIPES))

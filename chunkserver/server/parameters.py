@@ -14,7 +14,8 @@ from chunkserver.errors import BadParameter
 from chunkserver.grid import CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, ChunkKey
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS
 from chunkserver.pipeline import SEAM_DEFAULT, SEAMS_BUILT, ChunkRequest, check_request
-from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe, builtin
+from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe
+from chunkserver.server.posted import DIGEST_PATTERN, PostedRecipes, source_of
 from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding
 
 DECIMAL: Final = "0|-?[1-9][0-9]{0,18}"
@@ -69,11 +70,21 @@ IfNoneMatch = Annotated[
 ]
 
 
+RECIPE_NAMES: Final[dict[str, JsonValue]] = {"anyOf": [_one_of(BUILTINS), {"pattern": DIGEST_PATTERN}]}
+"""The schema of a recipe's name in a URL."""
+
+
 class Place(NamedTuple):
     """Which chunk of which seed."""
 
     seed: int
     key: ChunkKey
+
+
+class NoQuery(BaseModel):
+    """Of a resource without parameters."""
+
+    model_config = ConfigDict(extra="forbid")
 
 
 class SeedQuery(BaseModel):
@@ -83,8 +94,8 @@ class SeedQuery(BaseModel):
 
     recipe: str = Field(
         RECIPE_DEFAULT,
-        description="Which world the seed is of: the name of a built-in recipe.",
-        json_schema_extra=_one_of(BUILTINS),
+        description="Which world the seed is of: the name of a built-in recipe, or the digest of any.",
+        json_schema_extra=RECIPE_NAMES,
     )
 
 
@@ -146,9 +157,9 @@ async def refuse_repeats(request: Request) -> None:
         seen.add(name)
 
 
-def world(seed: int, recipe: str) -> WorldRecipe:
-    """Return the pristine world of `seed` and the recipe named `recipe`. Raises `BadRecipe`."""
-    return WorldRecipe(seed, builtin(recipe))
+def world(seed: int, recipe: str, posted: PostedRecipes) -> WorldRecipe:
+    """Return the pristine world of `seed` and the recipe named `recipe`. Raises `BadRecipe` or `UnknownRecipe`."""
+    return WorldRecipe(seed, source_of(recipe, posted))
 
 
 async def _place(seed: Seed, lod: Lod, x: Coordinate, y: Coordinate, z: Coordinate) -> Place:
@@ -158,10 +169,13 @@ async def _place(seed: Seed, lod: Lod, x: Coordinate, y: Coordinate, z: Coordina
 PlaceOfUrl = Annotated[Place, Depends(_place)]
 
 
-def chunk_request(place: Place, query: ChunkQuery, encoding: Encoding) -> ChunkRequest:
-    """Return what the URL asks for. Raises `BadKey`, `BadRecipe` or `BadParameter` if it is not built."""
+def chunk_request(place: Place, query: ChunkQuery, encoding: Encoding, posted: PostedRecipes) -> ChunkRequest:
+    """Return what the URL asks for.
+
+    Raises `BadKey`, `BadRecipe` or `BadParameter` if it is not built, `UnknownRecipe` if the recipe is not kept.
+    """
     request = ChunkRequest(
-        world(place.seed, query.recipe),
+        world(place.seed, query.recipe, posted),
         place.key,
         mesher=query.mesher,
         coarser=query.coarser,

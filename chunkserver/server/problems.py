@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import iter_route_contexts
 from starlette.exceptions import HTTPException
 
 from chunkserver.errors import (
@@ -60,13 +61,37 @@ class OldGenerator(ChunkError):
     """The client asks for the terrain of a generator that this server does not run."""
 
 
+class UnknownRecipe(ChunkError):
+    """No built-in recipe has this name, and no recipe that is kept this digest."""
+
+
+class NotJson(ChunkError):
+    """The body is of another media type than JSON."""
+
+
+class BodyTooLarge(ChunkError):
+    """The body is over its limit; what is left of it is not read."""
+
+    headers: Final = {"Connection": "close"}
+
+
+class BodyTooSlow(ChunkError):
+    """The body did not arrive in time; what is left of it is not read."""
+
+    headers: Final = {"Connection": "close"}
+
+
 PROBLEMS: Final[dict[type[Exception] | int, Problem]] = {
     BadRequest: Problem(400, "bad-request", "The request cannot be answered"),
     BadKey: Problem(422, "bad-key", "The chunk lies outside the world"),
-    BadRecipe: Problem(422, "bad-recipe", "There is no such recipe or seed"),
+    BadRecipe: Problem(422, "bad-recipe", "The recipe or the seed cannot be built"),
     BadParameter: Problem(422, "bad-parameter", "A parameter is malformed, unknown or not built"),
     RequestValidationError: Problem(422, "bad-parameter", "A parameter is malformed, unknown or not built"),
     OldGenerator: Problem(410, "old-generator", "The server has another generator now"),
+    UnknownRecipe: Problem(404, "unknown-recipe", "This recipe is not known here"),
+    BodyTooSlow: Problem(408, "body-too-slow", "The body did not arrive in time"),
+    BodyTooLarge: Problem(413, "body-too-large", "The body is over its limit"),
+    NotJson: Problem(415, "not-json", "The body is not JSON"),
     404: Problem(404, "not-found", "Nothing is here"),
     405: Problem(405, "method-not-allowed", "The resource does not have this method"),
     Unavailable: Problem(503, "unavailable", "The server is not ready", RETRY_SOON_SECONDS),
@@ -92,6 +117,8 @@ async def answer(request: Request, error: Exception) -> Response:
         logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
     detail, values = _account(request, error)
     headers = dict(getattr(error, "headers", None) or {}) | {"Cache-Control": "no-store"}
+    if problem.status == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = _allowed(request)
     if problem.retry_after is not None:
         headers["Retry-After"] = str(problem.retry_after)
     body = problem_body(problem, detail, values)
@@ -115,6 +142,13 @@ def _problem(error: Exception) -> Problem:
         status = HTTPStatus(error.status_code)
         return PROBLEMS.get(status, Problem(status, "", status.phrase))
     return next(PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS)
+
+
+def _allowed(request: Request) -> str:
+    """The methods of all routes of this path: the framework names those of the first alone."""
+    routes = iter_route_contexts(request.app.routes)
+    fitting = (route.methods or () for route in routes if route.path_regex.match(request.url.path))
+    return ", ".join(sorted(set().union(*fitting)))
 
 
 def _is_untold(error: Exception) -> bool:

@@ -21,6 +21,8 @@ from chunkserver.server.parameters import (
     refuse_repeats,
     world,
 )
+from chunkserver.server.problems import UnknownRecipe
+from chunkserver.server.service import ServiceOfApp
 from chunkserver.wire import FORMATS
 
 VOXEL_SIZE: Final = 1.0
@@ -31,7 +33,7 @@ Voxels = tuple[int, int, int]
 class RecipeOf(BaseModel):
     """What the world is made of."""
 
-    name: str
+    name: str = Field(description="As the URL gives it: a name or a digest.")
     digest: str = Field(description="Names the expression, without the seed.")
     expression: dict[str, Any] = Field(description="The expression tree: every default written out.")
 
@@ -104,13 +106,15 @@ router: Final = APIRouter(dependencies=[Depends(refuse_repeats)], tags=["seeds"]
     summary="The descriptor of a seed's pristine world",
     responses={
         200: {"description": "The descriptor.", "headers": {"Cache-Control": header("Always `no-cache`.")}},
-        **problem_responses(BadParameter, BadRecipe),
+        **problem_responses(BadParameter, BadRecipe, UnknownRecipe),
     },
 )
-async def seed_descriptor(seed: Seed, query: Annotated[SeedQuery, Query()], response: Response) -> SeedDescriptor:
+async def seed_descriptor(
+    seed: Seed, query: Annotated[SeedQuery, Query()], service: ServiceOfApp, response: Response
+) -> SeedDescriptor:
     """Everything that a client must know before it asks for a chunk. Nothing has to be created first."""
     response.headers["Cache-Control"] = "no-cache"
-    return describe(world(seed, query.recipe), query.recipe)
+    return describe(world(seed, query.recipe, service.posted), query.recipe)
 
 
 def describe(recipe: WorldRecipe, name: str) -> SeedDescriptor:

@@ -1,4 +1,4 @@
-"""What every route shares: the workers and the cache, found on the application."""
+"""What every route shares: the workers, the cache and the posted recipes, found on the application."""
 
 from dataclasses import dataclass
 from typing import Annotated, Protocol
@@ -7,6 +7,7 @@ from fastapi import Depends, Request
 
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.cache import ChunkCache
+from chunkserver.server.posted import PostedRecipes
 
 
 class Builder(Protocol):
@@ -28,10 +29,11 @@ class Builder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The workers, and the chunks that they made."""
+    """The workers, the chunks that they made, and the recipes that clients have posted."""
 
     pool: Builder
     cache: ChunkCache
+    posted: PostedRecipes
 
 
 async def _service(request: Request) -> Service:

@@ -1,5 +1,6 @@
 """What README.md and docs/api.md tell people to type, typed against the real server."""
 
+import json
 import re
 import subprocess
 import sys
@@ -18,13 +19,24 @@ ROOT = Path(__file__).parents[2]
 README, API = ((ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "docs/api.md"))
 WRITTEN = "http://127.0.0.1:8000"
 URLS = re.findall(rf"^curl .*?({WRITTEN}[^'\s]*)", README + API, re.MULTILINE)
+POSTS = re.findall(rf"^curl .*-d '([^']+)' ({WRITTEN}\S*)", README + API, re.MULTILINE)
 (PYTHON,) = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     with serving(tmp_path_factory.mktemp("server") / "log", "--workers", "1") as running:
+        for body, url in POSTS:
+            httpx2.post(url.replace(WRITTEN, running.url), json=json.loads(body)).raise_for_status()
         yield running
+
+
+def test_what_is_posted_is_what_is_asked_for(server):
+    assert len(POSTS) == (README + API).count(" -d ") >= 1
+    for body, url in POSTS:
+        answer = httpx2.post(url.replace(WRITTEN, server.url), json=json.loads(body))
+        digest = answer.json()["digest"]
+        assert any(url.endswith(f"?recipe={digest}") for url in URLS), f"the pages should name {digest}"
 
 
 def test_no_url_is_overlooked():

@@ -55,15 +55,20 @@ def test_no_undeclared_answer(server, tmp_path):
 
 
 def with_what_no_fuzzer_can_guess(url):
-    """The server's own document, but with the generator tokens, and without a parameter that excludes another one.
+    """The server's own document, but with names of recipes and generator tokens, and without a parameter that excludes
+    another one.
 
     Else every request would be wrong in two ways, and nothing could be seen of the one that was meant.
     """
     document = httpx2.get(f"{url}/openapi.json").json()
-    tokens = [httpx2.get(f"{url}/v1/seeds/0?recipe={name}").json()["generator"] for name in sorted(BUILTINS)]
+    posted = httpx2.post(f"{url}/v1/recipes", json={"builtin": "planet", "radius": 100}).json()["digest"]
+    recipes = [*sorted(BUILTINS), posted, posted[::-1]]
+    tokens = [httpx2.get(f"{url}/v1/seeds/0?recipe={name}").json()["generator"] for name in recipes[:-1]]
     for path, operations in document["paths"].items():
         for operation in operations.values():
             parameters = {parameter["name"]: parameter for parameter in operation.get("parameters", [])}
+            if "recipe" in parameters:
+                parameters["recipe"]["schema"] = {"enum": recipes}
             if "g" in parameters:
                 parameters["g"]["schema"] = {"enum": tokens}
             if path.endswith("{z}"):

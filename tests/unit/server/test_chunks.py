@@ -3,8 +3,8 @@ import pytest
 from chunkserver.errors import Overloaded
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server.chunks import IMMUTABLE, REVALIDATE, VARY
-from chunkserver.server.parameters import world
 from chunkserver.wire import Encoding
 from tests.unit.server.stub import StubPool, client_of
 
@@ -23,6 +23,10 @@ def client(pool):
         yield client
 
 
+def world(recipe):
+    return WorldRecipe(42, builtin(recipe))
+
+
 def token(client):
     return client.get("/v1/seeds/42").json()["generator"]
 
@@ -34,10 +38,10 @@ def test_the_url_says_what_is_built(client, pool):
     client.get(f"{URL}?frame=chunk", headers={"Accept": "model/gltf-binary"})
     key = ChunkKey(3, 1, -2, 5)
     assert pool.built == [
-        ChunkRequest(world(42, "hills"), key, seam="none", encoding=Encoding("glb", frame="chunk")),
-        ChunkRequest(world(42, "terrain"), key, encoding=Encoding("mesh", "f32")),
-        ChunkRequest(world(42, "plane"), key, encoding=Encoding("mesh", "f32")),
-        ChunkRequest(world(42, "terrain"), key, encoding=Encoding("glb", frame="chunk")),
+        ChunkRequest(world("hills"), key, seam="none", encoding=Encoding("glb", frame="chunk")),
+        ChunkRequest(world("terrain"), key, encoding=Encoding("mesh", "f32")),
+        ChunkRequest(world("plane"), key, encoding=Encoding("mesh", "f32")),
+        ChunkRequest(world("terrain"), key, encoding=Encoding("glb", frame="chunk")),
     ]
 
 

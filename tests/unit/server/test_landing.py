@@ -2,6 +2,7 @@ import re
 
 import pytest
 
+from chunkserver.recipe import BUILTINS
 from tests.unit.server.stub import StubPool, client_of
 
 
@@ -19,6 +20,12 @@ def test_every_link_and_every_curl_line_works(client):
     assert len(curls) == page.count("curl ") >= 3
     for url in links + curls:
         assert client.get(url).status_code == 200, url
+
+
+def test_every_recipe_is_listed(client):
+    page = client.get("/").text
+    for name in BUILTINS:
+        assert f'"/v1/recipes/{name}"' in page
 
 
 def test_it_needs_nothing_from_elsewhere(client):

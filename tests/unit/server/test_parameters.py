@@ -2,7 +2,9 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from chunkserver.errors import BadParameter, BadRecipe
+from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server.parameters import AnyQuery, Decimal, encoding_of, world
+from chunkserver.server.posted import PostedRecipes
 from chunkserver.wire import Encoding
 
 DECIMAL = TypeAdapter(Decimal)
@@ -61,9 +63,9 @@ def test_what_does_not_apply_is_refused_even_if_it_is_the_default(format_name, q
 
 
 def test_worlds():
-    assert world(7, "hills").seed == 7
-    assert world(7, "hills") == world(7, "hills") != world(7, "terrain")
+    posted = PostedRecipes()
+    assert world(7, "hills", posted) == WorldRecipe(7, builtin("hills")) != world(7, "terrain", posted)
     with pytest.raises(BadRecipe):
-        world(7, "nonsense")
+        world(7, "nonsense", posted)
     with pytest.raises(BadRecipe):
-        world(2**63, "hills")
+        world(2**63, "hills", posted)

@@ -11,13 +11,18 @@ from chunkserver.server.problems import (
     PROBLEMS,
     VALUE_CHARS_MAX,
     VALUES_MAX,
+    BodyTooLarge,
+    BodyTooSlow,
+    NotJson,
     OldGenerator,
     Problem,
+    UnknownRecipe,
     install,
 )
 from chunkserver.server.workers import BuildFault
 
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.ChunkError)]
+OF_HTTP = (OldGenerator, UnknownRecipe, BodyTooSlow, BodyTooLarge, NotJson)
 SECRET = "the path of a file"
 
 
@@ -32,7 +37,7 @@ def answer_to(error):
     return TestClient(app, raise_server_exceptions=False).get("/")
 
 
-@pytest.mark.parametrize("kind", [*ERRORS, OldGenerator])
+@pytest.mark.parametrize("kind", [*ERRORS, *OF_HTTP])
 def test_every_error_of_ours_is_a_problem_with_its_values(kind):
     answer = answer_to(kind("what was wrong", lod=99))
     row = next(PROBLEMS[parent] for parent in kind.__mro__ if parent in PROBLEMS)
@@ -61,6 +66,10 @@ def test_every_error_of_ours_is_a_problem_with_its_values(kind):
         (errors.DeadlinePassed, 503),
         (errors.Unavailable, 503),
         (OldGenerator, 410),
+        (UnknownRecipe, 404),
+        (BodyTooSlow, 408),
+        (BodyTooLarge, 413),
+        (NotJson, 415),
     ],
 )
 def test_statuses(kind, status):
@@ -109,6 +118,21 @@ def test_values_are_bounded_and_exact():
     assert (body["b"], body["c"], body["d"], body["e"]) == (str(2**53), -(2**53) + 1, "nan", "[1]")
     assert (body["f"], body["g"], body["h"]) == (None, True, 0.5)
     assert len(json.dumps(body)) < 3000
+
+
+@pytest.mark.parametrize("kind", [BodyTooLarge, BodyTooSlow])
+def test_a_body_that_is_not_read_to_its_end_ends_the_connection(kind):
+    assert answer_to(kind("x")).headers["connection"] == "close"
+
+
+def test_a_405_names_the_methods_of_every_route_of_its_path():
+    app = FastAPI()
+    install(app)
+    for method in ("GET", "POST"):
+        app.add_api_route("/{some}/path", lambda some: some, methods=[method])
+    app.add_api_route("/other/{path}", lambda path: path, methods=["DELETE"])
+    answer = TestClient(app).put("/a/path")
+    assert (answer.status_code, answer.headers["allow"]) == (405, "GET, POST")
 
 
 def test_a_value_never_hides_a_standard_member():

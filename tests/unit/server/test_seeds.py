@@ -3,8 +3,8 @@ import json
 import pytest
 
 from chunkserver.pipeline import generator
-from chunkserver.recipe import BUILTINS, canonical
-from chunkserver.server.parameters import COARSER_BUILT, world
+from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, canonical
+from chunkserver.server.parameters import COARSER_BUILT
 from chunkserver.server.seeds import describe
 from tests.unit.server.stub import StubPool, client_of
 
@@ -17,7 +17,7 @@ def client():
 
 @pytest.mark.parametrize("recipe", BUILTINS)
 def test_the_expression_is_one_that_a_user_could_have_posted(recipe):
-    found = world(-7, recipe)
+    found = WorldRecipe(-7, builtin(recipe))
     described = describe(found, recipe)
     assert canonical(described.recipe.expression) == found.source
     assert (described.recipe.digest, described.generator) == (found.digest, generator(found))
@@ -62,7 +62,7 @@ def test_the_bounds_are_where_chunks_end(client):
 
 
 def test_the_position_lattice():
-    lattice = describe(world(1, "plane"), "plane").position_lattice
+    lattice = describe(WorldRecipe(1, builtin("plane")), "plane").position_lattice
     assert (lattice.high - lattice.low) / lattice.units_per_voxel == 32
 
 

@@ -1,0 +1,49 @@
+"""A JSON body, read from the stream: bounded in bytes and in time, so that nobody's body is ever held whole."""
+
+import asyncio
+from typing import Final
+
+from fastapi import Request
+from starlette.requests import ClientDisconnect
+
+from chunkserver.errors import BadRequest
+from chunkserver.server.problems import BodyTooLarge, BodyTooSlow, NotJson
+
+BODY_SECONDS_MAX: Final = 10.0
+"""From the first look at the body to its end."""
+JSON_MEDIA_TYPE: Final = "application/json"
+
+
+async def json_body(request: Request, bytes_max: int) -> bytes:
+    """Return the body of `request`, unparsed.
+
+    Raises `NotJson` if the media type is another one, before anything is read; `BodyTooLarge` as soon as the length
+    that is announced, or the bytes that came, are more than `bytes_max`; `BodyTooSlow` after BODY_SECONDS_MAX;
+    `BadRequest` if the client leaves before the end, which nobody is there to read.
+    """
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if media_type != JSON_MEDIA_TYPE:
+        raise NotJson(f"the body's media type is {media_type or 'not given'}; it must be {JSON_MEDIA_TYPE}")
+    announced = request.headers.get("content-length", "0")
+    if int(announced) > bytes_max:
+        raise _too_large(f"has {announced} bytes", bytes_max)
+    try:
+        async with asyncio.timeout(BODY_SECONDS_MAX):
+            return await _read(request, bytes_max)
+    except TimeoutError:
+        raise BodyTooSlow(f"the body took longer than {BODY_SECONDS_MAX:g} s", seconds_max=BODY_SECONDS_MAX) from None
+    except ClientDisconnect:
+        raise BadRequest("the body ended before its end") from None
+
+
+async def _read(request: Request, bytes_max: int) -> bytes:
+    body = bytearray()
+    async for piece in request.stream():
+        if len(body) + len(piece) > bytes_max:
+            raise _too_large("is longer", bytes_max)
+        body += piece
+    return bytes(body)
+
+
+def _too_large(what: str, bytes_max: int) -> BodyTooLarge:
+    return BodyTooLarge(f"the body {what}; the limit is {bytes_max} bytes", bytes_max=bytes_max)
