@@ -10,6 +10,7 @@ from chunkserver.server.body import json_body
 from chunkserver.server.problems import BodyTooLarge, BodyTooSlow, NotJson
 
 JSON = (b"content-type", b"application/json")
+SECONDS_MAX = 5.0
 LEFT = {"type": "http.disconnect"}
 
 
@@ -34,7 +35,7 @@ def read(messages, *headers, bytes_max=10):
         return message
 
     request = Request({"type": "http", "method": "POST", "headers": list(headers)}, receive)
-    return asyncio.run(json_body(request, bytes_max)), taken
+    return asyncio.run(asyncio.wait_for(json_body(request, bytes_max), SECONDS_MAX)), taken
 
 
 @pytest.mark.parametrize("parts", [(b"",), (b"0123456789",), (b"01234", b"56789"), (b"0", b"", b"123", b"")])

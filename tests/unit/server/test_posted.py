@@ -39,10 +39,11 @@ def test_the_least_recently_used_goes_first(limits):
     posted = PostedRecipes(**limits)
     for source in "ab":
         posted.add(source)
-    posted.find(digest_of("a"))
-    posted.add("c")  # drives b out, not a
+    assert posted.find(digest_of("a")) == "a"
+    posted.add("c")
+    assert posted.find(digest_of("b")) is None
     posted.add("a")
-    posted.add("d")  # drives c out
+    posted.add("d")
     assert [source for source in "abcd" if posted.find(digest_of(source))] == ["a", "d"]
 
 
