@@ -39,7 +39,7 @@ def test_the_list(client):
     (planet,) = (row for row in found["recipes"] if row["name"] == "planet")
     radius = planet["parameters"]["radius"]
     assert canonical({"builtin": "planet", "radius": radius["default"]}) == builtin("planet")
-    for outside in (radius["exclusiveMinimum"], 2 * radius["maximum"]):
+    for outside in (radius.get("minimum", 0) / 2, 2 * radius["maximum"]):
         assert client.post("/v1/recipes", json={"builtin": "planet", "radius": outside}).status_code == 422
     assert answer.headers["cache-control"] == REVALIDATE
 
@@ -142,7 +142,7 @@ def test_what_cannot_be_built_is_not_kept(client, pool, error, status):
 @pytest.mark.parametrize(
     ("given", "path", "expected"),
     [
-        ({"op": "max", "a": 1, "b": {"op": "sphere", "radius": -1}}, "b.radius", "greater than 0"),
+        ({"op": "max", "a": 1, "b": {"op": "sphere", "radius": -1}}, "b.radius", "should be greater than"),
         ({"op": "max", "a": 1}, "b", "should be there"),
         ({"op": "nonsense"}, "", "known op"),
         ({"builtin": "planet", "radius": "wide"}, "radius", "number"),
