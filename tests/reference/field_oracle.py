@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,29 +49,6 @@ def gradient_3(bits: Words) -> Doubles:
     return np.where(part == 0, without_x, np.where(part == 1, without_y, without_z))
 
 
-def simplex3(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
-    """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on.
-
-    The points are skewed in float64, so they should be small. Cells are skewed as integers: as many steps along the
-    diagonal as keep them whole, the rest goes back to the points.
-    """
-    whole = np.zeros((1, 3), np.int64) if cells is None else cells
-    diagonal = whole.sum(1, keepdims=True) // 3
-    points = points + (whole.sum(1, keepdims=True) - 3 * diagonal) * np.array([1, 0, 0])
-    whole = whole - (whole.sum(1, keepdims=True) - 3 * diagonal) * np.array([1, 0, 0]) + diagonal
-    skewed = points + points.sum(1, keepdims=True) / 3
-    value = np.zeros(len(points))
-    for step in itertools.product(range(-1, 3), repeat=3):
-        corner = np.floor(skewed).astype(np.int64) + step
-        away = points - (corner - corner.sum(1, keepdims=True) / 6)
-        bits = corner_bits(
-            list((whole + corner).T.copy()), (lattice.AXIS_X, lattice.AXIS_Y, lattice.AXIS_Z), keys, splits=2
-        )
-        left = np.maximum(0.5 - (away**2).sum(1), 0)
-        value += left**4 * (gradient_3(bits) * away).sum(1)
-    return value * 76.8
-
-
 def gradient_2(bits: Words) -> Doubles:
     """Return the gradient, (n, 2), that 32-bit hashes pick, by its angle."""
     angle = np.where(bits >> np.uint32(29) & np.uint32(1), 3, 1) * math.pi / 16
@@ -81,22 +58,128 @@ def gradient_2(bits: Words) -> Doubles:
     return np.stack([np.where(swap, short, long), np.where(swap, long, short)], 1)
 
 
-def gradient2(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
-    """Return gradient noise at points (n, 3), in lattice cells, from `cells` (n, 3) on: corners lie half-way."""
+def icosahedron(bits: Words) -> Doubles:
+    """Return the gradient, (n, 3), that 32-bit hashes pick: a corner of an icosahedron, on a rectangle by thirds."""
+    golden = (1 + math.sqrt(5)) / 2
+    u = np.where(bits >> np.uint32(31), -1.0, 1.0)
+    v = np.where(bits >> np.uint32(30) & np.uint32(1), -golden, golden)
+    zero = np.zeros_like(u)
+    rectangles = np.stack([np.stack(r, 1) for r in ((zero, u, v), (u, v, zero), (v, zero, u))])
+    chosen: Doubles = rectangles[third(bits), np.arange(len(bits))]
+    return chosen
+
+
+def values(bits: Words) -> Doubles:
+    """Return the random number, (n,), in [-1, 1], that 32-bit hashes stand for."""
+    return bits.view(np.int32) / 2.0**31
+
+
+def hashes(corner: Integers, keys: Sequence[int], splits: int) -> Words:
+    """Return the hashes of lattice points, (n, 3), or (n, 2) of x and z."""
+    axes = (0, 2) if corner.shape[1] == 2 else (0, 1, 2)
+    multipliers = [(lattice.AXIS_X, lattice.AXIS_Y, lattice.AXIS_Z)[axis] for axis in axes]
+    return corner_bits(list(corner.T.copy()), multipliers, [keys[axis] for axis in axes], splits)
+
+
+def placed(points: Doubles, cells: Integers | None, dimensions: int) -> tuple[Doubles, Integers]:
+    """Return points and the whole cells that they are counted from, of x and z alone where there are 2 dimensions."""
+    axes = [0, 2] if dimensions == 2 else [0, 1, 2]
     whole = np.zeros((1, 3), np.int64) if cells is None else cells
-    flat = points[:, [0, 2]]
-    low = np.rint(flat)
+    return points[:, axes], whole[:, axes]
+
+
+def simplex(points: Doubles, whole: Integers, parts: tuple[int, int]) -> Iterator[tuple[Integers, Doubles]]:
+    """Yield corners of simplices near enough to the points, skewed, and the ways from them.
+
+    Skewed by p + sum(p) * parts[0] / parts[1]. Points are skewed in float64, so they should be small. Cells are skewed
+    as integers: as many steps along the diagonal as keep them whole, the rest goes back to the points.
+    """
+    up, down = parts
+    unskew = up / (down + up * points.shape[1])
+    rest = whole.sum(1, keepdims=True) % down * np.eye(1, points.shape[1], dtype=np.int64)
+    points, whole = points + rest, whole - rest
+    whole = whole + whole.sum(1, keepdims=True) // down * up
+    skewed = points + points.sum(1, keepdims=True) * up / down
+    for step in itertools.product(range(-1, 3), repeat=points.shape[1]):
+        corner = np.floor(skewed).astype(np.int64) + step
+        yield whole + corner, points - (corner - corner.sum(1, keepdims=True) * unskew)
+
+
+def simplex2(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
     value = np.zeros(len(points))
-    for step in itertools.product((0, 1), repeat=2):
-        corner = low + step
-        away = flat - (corner - 0.5)
-        bits = corner_bits(
-            [corner[:, 0].astype(np.int64) + whole[:, 0], corner[:, 1].astype(np.int64) + whole[:, 2]],
-            (lattice.AXIS_X, lattice.AXIS_Z),
-            (keys[0], keys[2]),
-            splits=1,
-        )
+    for corner, away in simplex(*placed(points, cells, 2), (4, 11)):
+        slope = (gradient_2(hashes(corner, keys, splits=5)) * away).sum(1)
+        value += np.maximum(0.5 - (away**2).sum(1), 0) ** 4 * slope
+    return value * 99.5
+
+
+def simplex3(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
+    value = np.zeros(len(points))
+    for corner, away in simplex(*placed(points, cells, 3), (1, 3)):
+        slope = (gradient_3(hashes(corner, keys, splits=2)) * away).sum(1)
+        value += np.maximum(0.5 - (away**2).sum(1), 0) ** 4 * slope
+    return value * 76.8
+
+
+def blend(
+    points: Doubles, whole: Integers, keys: Sequence[int], corner_value: Callable[[Words, Doubles], Doubles]
+) -> Doubles:
+    """Return the sum over the corners, half-way between cells, of corner_value(hashes, ways) times its weight."""
+    value = np.zeros(len(points))
+    for step in itertools.product((0, 1), repeat=points.shape[1]):
+        corner = np.rint(points) + step
+        away = points - (corner - 0.5)
         near = 1 - np.abs(away)
-        weight = near**3 * (near * (6 * near - 15) + 10)
-        value += weight.prod(1) * (gradient_2(bits) * away).sum(1)
-    return value * 1.437
+        weight = (near**3 * (near * (6 * near - 15) + 10)).prod(1)
+        value += weight * corner_value(hashes(corner.astype(np.int64) + whole, keys, splits=1), away)
+    return value
+
+
+def gradient2(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return gradient noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
+    return 1.437 * blend(*placed(points, cells, 2), keys, lambda bits, away: (gradient_2(bits) * away).sum(1))
+
+
+def gradient3(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return gradient noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
+    return 0.7315 * blend(*placed(points, cells, 3), keys, lambda bits, away: (icosahedron(bits) * away).sum(1))
+
+
+def value2(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return value noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
+    return blend(*placed(points, cells, 2), keys, lambda bits, _: values(bits))
+
+
+def value3(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
+    """Return value noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
+    return blend(*placed(points, cells, 3), keys, lambda bits, _: values(bits))
+
+
+def shifts(bits: Words) -> Doubles:
+    """Return u - 1/2 of feature points, (n, 3), in [-1/2, 1/2)."""
+    more = stir(bits, lattice.ROUND_1)
+    words = np.stack([bits, more, more << np.uint32(16)], 1)
+    return (words >> np.uint32(16)).astype(np.uint16).view(np.int16) / 2.0**16
+
+
+def feature_bits(bits: Words) -> Words:
+    """Return the hashes that the values of feature points are made of."""
+    return stir(stir(bits, lattice.ROUND_1), lattice.ROUND_2)
+
+
+def cellular(
+    points: Doubles, keys: Sequence[int], cells: Integers | None, dimensions: int, jitter: float, reach: int
+) -> tuple[Doubles, Doubles, Doubles]:
+    """Return F1, F2 and the value of the nearest of all feature points of cells at most `reach` cells away."""
+    at, whole = placed(points, cells, dimensions)
+    distances, found = [], []
+    for step in itertools.product(range(-reach, reach + 1), repeat=dimensions):
+        cell = np.rint(at) + step
+        bits = hashes(cell.astype(np.int64) + whole, keys, splits=1)
+        distances.append(np.sqrt(((cell + jitter * shifts(bits)[:, :dimensions] - at) ** 2).sum(1)))
+        found.append(values(feature_bits(bits)))
+    order = np.argsort(distances, axis=0)
+    first, second = np.take_along_axis(np.array(distances), order[:2], 0)
+    return first, second, np.take_along_axis(np.array(found), order[:1], 0)[0]

@@ -117,7 +117,7 @@ def value3(x: np.float64, y: np.float64, z: np.float64, keys: Sequence[int]) -> 
 def simplex2(x: np.float64, _y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
     (cell_x, part_x), (cell_z, part_z) = split(x), split(z)
     total = cell_x + cell_z
-    q = int(np.rint(np.float64(total) * (1 / 11) - 1))
+    q = int(np.rint(np.float64(total) * (1 / 11)))
     fx, fz, rest = f32(part_x), f32(part_z), f32(total - 11 * q)
 
     skew = ((fx + fz) + rest) * f32(4 / 11)

@@ -45,6 +45,8 @@ SKEW: Final = np.float32(4 / 11)
 UNSKEW: Final = np.float32(4 / 19)
 """The 2-D skew and its way back. Equilateral triangles want (sqrt(3) - 1)/2, 0.7 % more, which cannot be split into
 whole numbers. With 4/11 the squared edges are as 241 to 242, and the kernels still end inside the triangles."""
+_BELOW: Final = np.uint64(4)
+_UP: Final = np.float32(4)
 _STEP_X: Final = np.float32(4 / 19 - 1)
 _STEP_XZ: Final = np.float32(8 / 19 - 1)
 
@@ -66,7 +68,7 @@ def add_simplex2(
     The plane is skewed along its diagonal, p -> p + sum(p) * 4/11, so that squares fall into two triangles each. With
     p split into cell c and fraction f, and sum(c) = 11q + r, the skew is 4q + (r + sum f) * 4/11. The low corner of the
     point's square is c + 4q + a, where a = floor(f + (r + sum f) * 4/11); unskewed it lies at
-    c + a - (r + sum a) * 4/19, from which q is gone. q is taken one too low: then a is 1 to 6, never negative.
+    c + a - (r + sum a) * 4/19, from which q is gone. a is -4 to 3; hashes count from 4 below, to stay positive.
     """
     amplitude, key_x, key_z = np.float32(numbers[0]), keys[0], keys[2]
     for start in range(0, out.size, BLOCK):
@@ -78,24 +80,25 @@ def add_simplex2(
             skew = np.float32(np.float32(np.float32(fx + fz) + rest) * SKEW)
             ax, az = floor32(np.float32(fx + skew)), floor32(np.float32(fz + skew))
             unskew = np.float32(np.float32(np.float32(ax + az) + rest) * UNSKEW)
-            x0, x1 = axis_hashes(words[i], words[i + BLOCK], np.uint32(np.int32(ax)), AXIS_X, key_x)
-            z0, z1 = axis_hashes(words[i + 2 * BLOCK], words[i + 3 * BLOCK], np.uint32(np.int32(az)), AXIS_Z, key_z)
+            up_x, up_z = np.uint32(np.int32(ax + _UP)), np.uint32(np.int32(az + _UP))
+            x0, x1 = axis_hashes(words[i], words[i + BLOCK], up_x, AXIS_X, key_x)
+            z0, z1 = axis_hashes(words[i + 2 * BLOCK], words[i + 3 * BLOCK], up_z, AXIS_Z, key_z)
             noise = _simplex2(np.float32(fx - ax) + unskew, np.float32(fz - az) + unskew, x0, x1, z0, z1)
             outs[i] = belows[i] + np.float32(amplitude * noise)
 
 
 @kernel
 def _split_simplex2(x: Doubles, z: Doubles, numbers: Doubles, fractions: Floats, words: Words) -> None:
-    """Split coordinates of up to BLOCK points: f, r in rows of fractions, the words of c + 4q in rows of words."""
+    """Split coordinates of up to BLOCK points: f, r in rows of fractions, the words of c + 4q - 4 in rows of words."""
     frequency, offset_x, offset_z = numbers[1], numbers[2], numbers[4]
     for i in range(x.size):
         px, pz = x[i] * frequency + offset_x, z[i] * frequency + offset_z
         (cell_x, ix), (cell_z, iz) = nearest(px), nearest(pz)
         total = cell_x + cell_z
-        q, iq = nearest(total * (1 / 11) - 1.0)
+        q, iq = nearest(total * (1 / 11))
         fractions[i], fractions[i + BLOCK] = px - cell_x, pz - cell_z
         fractions[i + 2 * BLOCK] = total - 11.0 * q
-        ix, iz = ix + (iq << np.uint64(2)), iz + (iq << np.uint64(2))
+        ix, iz = ix + (iq << np.uint64(2)) - _BELOW, iz + (iq << np.uint64(2)) - _BELOW
         words[i], words[i + BLOCK] = ix, ix >> np.uint64(32)
         words[i + 2 * BLOCK], words[i + 3 * BLOCK] = iz, iz >> np.uint64(32)
 
