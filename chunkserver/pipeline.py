@@ -2,6 +2,8 @@
 
     request -> field.sample -> mesher.extract -> wire.encode -> bytes
 
+A chunk that bounds of the field prove to be all air or all rock is not sampled.
+
 Pure: the same request gives the same bytes in a worker process, in a test, on any machine.
 """
 
@@ -10,10 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from chunkserver.errors import BadParameter
-from chunkserver.field import sample
+from chunkserver.field import prove, sample
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.kernel import SOURCES_DIGEST
-from chunkserver.mesh import Content
+from chunkserver.mesh import EMPTY, Content, Mesh
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
 from chunkserver.wire import ENCODING_DEFAULT, Encoding, Placement, check_encodable, encode
@@ -63,7 +65,7 @@ def generator(recipe: WorldRecipe) -> str:
 def check_request(request: ChunkRequest) -> None:
     """Raise `BadKey` or `BadParameter` that names the value, unless `request` is one that is built.
 
-    The recipe alone is not looked into: one that needs too many registers is refused by `build_chunk`.
+    The recipe alone is not looked into: `build_chunk` refuses one that needs too many registers or is not finite.
     """
     if request.mesher not in MESHERS:
         raise BadParameter(f"mesher is {request.mesher!r}; built are {sorted(MESHERS)}", mesher=request.mesher)
@@ -77,12 +79,17 @@ def check_request(request: ChunkRequest) -> None:
 def build_chunk(request: ChunkRequest) -> Chunk:
     """Return the chunk that `request` names. An empty chunk is no error.
 
-    Raises what `check_request` raises, and `BadRecipe` for a recipe that needs too many registers.
+    Raises what `check_request` raises, and `BadRecipe` for a recipe that needs too many registers or is not finite.
     """
     check_request(request)
-    samples = sample(request.recipe, request.key, ChunkShape(request.cells, MESHERS[request.mesher].apron))
-    mesh = extract(samples, request.mesher, request.encoding.normals)
+    shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
+    proven = prove(request.recipe, request.key, shape)
+    mesh = EMPTY[proven] if proven else _surface(request, shape)
     return Chunk(mesh.content, encode(mesh, _placement(request), request.encoding))
+
+
+def _surface(request: ChunkRequest, shape: ChunkShape) -> Mesh:
+    return extract(sample(request.recipe, request.key, shape), request.mesher, request.encoding.normals)
 
 
 def _placement(request: ChunkRequest) -> Placement:

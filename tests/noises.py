@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from chunkserver.field.noise import NOISES, lattice
 from chunkserver.field.noise.cellular import DISTANCE, EDGE, VALUE, add_cellular2, add_cellular3
 from chunkserver.field.noise.gradient import add_gradient2, add_gradient3
+from chunkserver.field.noise.names import noise_name
 from chunkserver.field.noise.simplex import add_simplex2, add_simplex3
 from chunkserver.field.noise.value import add_value2, add_value3
-from chunkserver.field.tape import noise_name
 from tests.reference import field_oracle, noise_twin
 
 Doubles = NDArray[np.float64]

@@ -1,7 +1,12 @@
-"""The one compiled interpreter that runs every tape: a dispatch per instruction, a loop over a plane of points inside.
+"""The one compiled interpreter that runs every tape: a dispatch per instruction, a loop over a slab of points inside.
 
-A plane has n * n points, z slow and x fast, flat: one long loop that vectorises without tails. Coordinate registers are
-float64; value registers are float32. Registers of different instructions never overlap.
+A slab is a part of a horizontal plane, SLAB_POINTS at most, whose registers stay in the first or second level of cache.
+What does not depend on y is worked out once for a slab, the rest for the same slab of each plane above it:
+
+    for each slab of columns          x, z
+        the leading instructions      what does not depend on y
+        for each plane                y
+            the other instructions
 """
 
 from typing import Final
@@ -9,117 +14,134 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.field.noise import add_gradient2, add_simplex3
-from chunkserver.kernel import kernel
+from chunkserver.field import ops
+from chunkserver.field.arithmetic import combine
+from chunkserver.field.coordinates import move
+from chunkserver.field.noise.cellular import add_cellular2, add_cellular3
+from chunkserver.field.noise.gradient import add_gradient2, add_gradient3
+from chunkserver.field.noise.simplex import add_simplex2, add_simplex3
+from chunkserver.field.noise.value import add_value2, add_value3
+from chunkserver.field.noise.white import white
+from chunkserver.field.shapes import distances
+from chunkserver.kernel import kernel, spliced
 
-CONSTANT: Final = 0
-X: Final = 1
-Y: Final = 2
-Z: Final = 3
-ADD: Final = 4
-SUBTRACT: Final = 5
-MULTIPLY: Final = 6
-MIN: Final = 7
-MAX: Final = 8
-SPHERE: Final = 9
-GRADIENT2: Final = 10
-SIMPLEX3: Final = 11
-
-READS_Y: Final = frozenset({Y, SPHERE, SIMPLEX3})
-"""Instructions whose value differs from one horizontal plane to the next, whatever their operands."""
-
-NUMBERS: Final = 5
-"""Constants an instruction may have."""
+SLAB_POINTS: Final = 1280
+"""5 KB a value register, 10 KB a coordinate register. A plane of 32 cells, apron included, is one slab."""
 
 DENSITY_MAX: Final = np.float32(65536)
 """The field is clamped to +-DENSITY_MAX voxels, so that edits add to it without overflow, or to +-CELLS_MAX cells where
-that is more: a surface and its normals never depend on a clamped sample. NaN cannot pass: it becomes air."""
+that is more: a surface and its normals never depend on a clamped sample."""
 CELLS_MAX: Final = np.float32(4)
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
 _Words = NDArray[np.uint32]
+_Code = NDArray[np.int32]
 
 
 @kernel
 def run(
-    code: NDArray[np.int32],
+    code: _Code,
     numbers: _Doubles,
     keys: _Words,
     columns: int,
     result: int,
     low: _Doubles,
     step: float,
-    points: _Doubles,
-    registers: _Floats,
+    rows: int,
+    places: _Doubles,
+    values: _Floats,
     fractions: _Floats,
     words: _Words,
     density: _Floats,
 ) -> None:
-    """Evaluate a tape over a cube of points.
+    """Evaluate a tape over a box of points.
 
-    low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points.
-    points: (3, n * n) scratch for coordinates. registers: (registers, n * n) scratch. fractions, words: scratch too,
-        as `noise.scratch` makes them.
-    density: (n, n * n) out, a horizontal plane each, y upwards.
+    columns: how many leading instructions do not depend on y. result: the value register that holds the density.
+    low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points. rows: points along z.
+    places: (coordinate registers, slab) and values: (value registers, slab) scratch; `slab` is how many points are done
+        at a time. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
+    density: (planes, rows * points along x) out, a horizontal plane each, y upwards, z slow and x fast.
     """
-    planes = density.shape[0]
     limit = max(DENSITY_MAX, CELLS_MAX * np.float32(step))
-    for z in range(planes):
-        for x in range(planes):
-            points[0, z * planes + x] = low[0] + step * x
-            points[2, z * planes + x] = low[2] + step * z
-    for plane in range(planes):
-        points[1, :] = low[1] + step * plane
-        for at in range(0 if plane == 0 else columns, code.shape[0]):
-            op, constants = code[at, 0], numbers[at]
-            out, a, b = registers[code[at, 1]], registers[code[at, 2]], registers[code[at, 3]]
-            if op == CONSTANT:
-                out[:] = np.float32(constants[0])
-            elif op <= Z:
-                _coordinate(points[op - X], out)
-            elif op <= MAX:
-                _combine(op, a, b, out)
-            elif op == SPHERE:
-                _sphere(points[0], points[1], points[2], constants, out)
-            elif op == GRADIENT2:
-                add_gradient2(points[0], points[1], points[2], constants, keys[at], a, out, fractions, words)
-            elif op == SIMPLEX3:
-                add_simplex3(points[0], points[1], points[2], constants, keys[at], a, out, fractions, words)
-        _clamp(registers[result], limit, density[plane])
+    width = density.shape[1] // rows
+    for start in range(0, density.shape[1], places.shape[1]):
+        n = min(places.shape[1], density.shape[1] - start)
+        _columns(start, width, low, step, places[0, :n], places[2, :n])
+        for plane in range(density.shape[0]):
+            places[1, :n] = low[1] + step * plane
+            for at in range(0 if plane == 0 else columns, code.shape[0]):
+                _execute(code[at], numbers, keys[at], n, places, values, fractions, words)
+            _clamp(values[result, :n], limit, density[plane, start : start + n])
 
 
 @kernel
-def _coordinate(axis: _Doubles, out: _Floats) -> None:
-    for i in range(out.size):
-        out[i] = np.float32(axis[i])
+def _columns(start: int, width: int, low: _Doubles, step: float, x: _Doubles, z: _Doubles) -> None:
+    """Write the coordinates of a slab that begins `start` points into its plane."""
+    row, place = start // width, start % width
+    for i in range(x.size):
+        x[i], z[i] = low[0] + step * place, low[2] + step * row
+        place += 1
+        if place == width:
+            row, place = row + 1, 0
 
 
-@kernel
-def _combine(op: int, a: _Floats, b: _Floats, out: _Floats) -> None:
-    if op == ADD:
-        for i in range(out.size):
-            out[i] = a[i] + b[i]
-    elif op == SUBTRACT:
-        for i in range(out.size):
-            out[i] = a[i] - b[i]
-    elif op == MULTIPLY:
-        for i in range(out.size):
-            out[i] = a[i] * b[i]
-    elif op == MIN:
-        for i in range(out.size):
-            out[i] = a[i] if a[i] < b[i] else b[i]
+@spliced
+def _execute(
+    row: NDArray[np.int32],
+    numbers: _Doubles,
+    keys: _Words,
+    n: int,
+    places: _Doubles,
+    values: _Floats,
+    fractions: _Floats,
+    words: _Words,
+) -> None:
+    op, constants = row[ops.CODE], numbers[row[ops.NUMBERS] :]
+    x, y, z = places[row[ops.X], :n], places[row[ops.Y], :n], places[row[ops.Z], :n]
+    a, b = values[row[ops.A], :n], values[row[ops.B], :n]
+    if op <= ops.COORDINATE_LAST:
+        move(op, x, y, z, a, constants, places[row[ops.OUT], :n])
+    elif op <= ops.ARITHMETIC_LAST:
+        combine(op, a, b, values[row[ops.C], :n], x, constants, values[row[ops.OUT], :n])
+    elif op <= ops.SHAPE_LAST:
+        distances(op, x, y, z, constants, values[row[ops.OUT], :n])
     else:
-        for i in range(out.size):
-            out[i] = a[i] if a[i] > b[i] else b[i]
+        _noise(op, x, y, z, constants, keys, b, values[row[ops.OUT], :n], fractions, words)
 
 
-@kernel
-def _sphere(x: _Doubles, y: _Doubles, z: _Doubles, numbers: _Doubles, out: _Floats) -> None:
-    center_x, center_y, center_z, radius = numbers[0], numbers[1], numbers[2], numbers[3]
-    for i in range(out.size):
-        dx, dy, dz = x[i] - center_x, y[i] - center_y, z[i] - center_z
-        out[i] = np.float32(np.sqrt(dx * dx + dy * dy + dz * dz) - radius)
+@spliced
+def _noise(
+    op: int,
+    x: _Doubles,
+    y: _Doubles,
+    z: _Doubles,
+    numbers: _Doubles,
+    keys: _Words,
+    below: _Floats,
+    out: _Floats,
+    fractions: _Floats,
+    words: _Words,
+) -> None:
+    """Write below + amplitude * noise, or for `random` the numbers of cells x, y, z: arrays (n,)."""
+    if op == ops.RANDOM:
+        white(x, y, z, keys, out)
+    elif op == ops.GRADIENT2:
+        add_gradient2(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op == ops.GRADIENT3:
+        add_gradient3(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op == ops.VALUE2:
+        add_value2(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op == ops.VALUE3:
+        add_value3(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op == ops.SIMPLEX2:
+        add_simplex2(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op == ops.SIMPLEX3:
+        add_simplex3(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op == ops.CELLULAR2:
+        add_cellular2(x, y, z, numbers, keys, below, out, fractions, words)
+    else:
+        add_cellular3(x, y, z, numbers, keys, below, out, fractions, words)
 
 
 @kernel

@@ -1,10 +1,14 @@
-"""From a recipe and a chunk key to the samples of that chunk, apron included."""
+"""From a recipe and a chunk key to the samples of that chunk, apron included; or to the proof that none are needed."""
+
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from chunkserver.field.interpreter import run
-from chunkserver.field.noise import scratch
-from chunkserver.field.tape import flatten
+from chunkserver.field.flatten import flatten
+from chunkserver.field.interpreter import SLAB_POINTS, run
+from chunkserver.field.intervals import ALL_FINITE, bounds
+from chunkserver.field.noise.lattice import scratch
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
 from chunkserver.samples import Samples
@@ -17,16 +21,15 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
     bit (`tests/property/test_field_neighbours.py`).
 
     Raises `BadKey` for a key outside the world, `BadParameter` for a shape that is not built, `BadRecipe` for a recipe
-    that passes a limit. An empty chunk is no error.
+    that passes a limit or is not finite all over the world. An empty chunk is no error.
     """
-    check_shape(shape)
-    check_key(key, shape.cells)
-    tape = flatten(recipe, key.lod)
+    low = _low(key, shape)
+    tape = flatten(recipe, key.lod).tape
     side = shape.samples
-    low = np.array(key.low_corner(shape.cells), np.float64) - shape.apron * key.step
+    slabs = -(-side * side // SLAB_POINTS)
+    slab = -(-side * side // slabs)
     density = np.empty((side, side * side), np.float32)
-    points = np.empty((3, side * side), np.float64)
-    registers = np.empty((tape.registers, side * side), np.float32)
+    places, values = np.empty((tape.places, slab)), np.empty((tape.values, slab), np.float32)
     run(
         tape.code,
         tape.numbers,
@@ -35,9 +38,32 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
         tape.result,
         low,
         float(key.step),
-        points,
-        registers,
+        side,
+        places,
+        values,
         *scratch(),
         density,
     )
     return Samples(shape, density.reshape(side, side, side))
+
+
+def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Literal["air", "rock"] | None:
+    """Return what all samples of chunk `key` are, apron included, if bounds of the field show it; None if they do not.
+
+    Takes microseconds, where sampling takes hundreds. Raises what `sample` raises.
+    """
+    low = _low(key, shape)
+    tape = flatten(recipe, key.lod).kept
+    failed, values = bounds(tape, np.stack([low, low + key.step * (shape.samples - 1)], 1))
+    assert failed == ALL_FINITE, "what is finite all over the world is finite in a part of it"
+    lowest, highest = values[tape.result]
+    if lowest >= 0:
+        return "air"
+    return "rock" if highest < 0 else None
+
+
+def _low(key: ChunkKey, shape: ChunkShape) -> NDArray[np.float64]:
+    """Return the coordinates x, y, z of the first sample, voxels. Raises `BadKey` or `BadParameter`."""
+    check_shape(shape)
+    check_key(key, shape.cells)
+    return np.array(key.low_corner(shape.cells), np.float64) - shape.apron * key.step

@@ -1,55 +1,44 @@
-"""The nodes that a recipe is made of, as a user writes them in JSON: one model per node, one union of them all.
+"""The nodes that a recipe is made of, as a user writes them in JSON: one union of all models, and those with operands.
 
 A recipe is an expression tree. Each node is an object with an `op`; a bare number stands for a constant node. Every
 node is a density (or a height, or a weight) per point: a scalar that is negative in rock and positive in air. Lengths
 are in voxels, frequencies in lattice cells of the noise per voxel. Nothing in a recipe is ever run as code.
-
-Numbers are numbers: no string, no boolean is taken for one, and -0.0 is read as 0.0.
 """
 
-from typing import Annotated, Any, Final, Literal, Self
+import itertools
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-MAGNITUDE_MAX: Final = float(1 << 40)
-"""Largest magnitude of any number in a recipe: the extent of the world."""
-FREQUENCY_MIN: Final = 2.0**-40
-FREQUENCY_MAX: Final = 1.0
-"""At most one noise cell a voxel: beyond it neighbouring samples have nothing to do with each other."""
-OCTAVES_MAX: Final = 16
-RATIO_MAX: Final = 8.0
-GAIN_MIN: Final = 2.0**-10
-"""Each octave has at least about a thousandth of the amplitude of the one before: chosen to keep amplitudes sensible,
-not where float32 ends, which holds 16,384 times finer ones."""
+from chunkserver.recipe.node import (
+    LENGTH_MIN,
+    Detail,
+    Factor,
+    Facts,
+    Length,
+    LengthOrZero,
+    Node,
+    Number,
+    Point,
+    Salt,
+    make,
+)
+from chunkserver.recipe.noises import Cellular, Noise, Sum
+from chunkserver.recipe.shapes import Box, Capsule, Cylinder, Plane, Shape, Sphere, Torus
 
+__all__ = ["Box", "Capsule", "Cellular", "Cylinder", "Noise", "Plane", "Shape", "Sphere", "Sum", "Torus"]
+__all__ += ["Abs", "Axis", "Binary", "Clamp", "Constant", "Detailed", "Expression", "Heightfield", "Node", "Random"]
+__all__ += ["Remap", "Repeat", "Rotate", "Scale", "Select", "Smooth", "Translate", "Warp", "make"]
 
-def _without_negative_zero(value: float) -> float:
-    return value + 0.0
-
-
-Number = Annotated[
-    float,
-    Field(strict=True, ge=-MAGNITUDE_MAX, le=MAGNITUDE_MAX, allow_inf_nan=False),
-    AfterValidator(_without_negative_zero),
-]
-Length = Annotated[float, Field(strict=True, gt=0, le=MAGNITUDE_MAX, allow_inf_nan=False)]
-Frequency = Annotated[float, Field(strict=True, ge=FREQUENCY_MIN, le=FREQUENCY_MAX, allow_inf_nan=False)]
-Ratio = Annotated[float, Field(strict=True, ge=1.0, le=RATIO_MAX, allow_inf_nan=False)]
-Gain = Annotated[float, Field(strict=True, ge=GAIN_MIN, le=1.0, allow_inf_nan=False)]
-Octaves = Annotated[int, Field(strict=True, ge=1, le=OCTAVES_MAX)]
-Salt = Annotated[int, Field(strict=True, ge=0, lt=1 << 32)]
-Point = tuple[Number, Number, Number]
-
-
-class Node(BaseModel):
-    """What all nodes share: frozen, hashable, and no field that is not known."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+KNOTS_MAX: Final = 32
+PERIOD_MIN: Final = 4.0
+QUATERNION_MIN: Final = 2.0**-20
 
 
 class Constant(Node):
-    """The same value everywhere."""
+    """The same value everywhere. A bare number means the same."""
 
+    facts: ClassVar = {"constant": Facts("value", "value", 0.1)}
     op: Literal["constant"] = "constant"
     value: Number
 
@@ -57,68 +46,214 @@ class Constant(Node):
 class Axis(Node):
     """One coordinate of the point, in voxels, rounded to float32: exact up to 2^24 voxels, coarser beyond.
 
-    Arithmetic on it inherits that. Shapes and noise do not: they start from the float64 coordinates.
+    Arithmetic on it inherits that. Shapes, `heightfield` and noise do not: they start from the float64 coordinates.
     """
 
+    facts: ClassVar = {axis: Facts(axis, "any", 0.3) for axis in "xyz"}
     op: Literal["x", "y", "z"]
 
 
 class Binary(Node):
     """Two densities, point by point. `max` cuts (air wins), `min` joins (rock wins)."""
 
+    facts: ClassVar = {
+        "add": Facts("a + b", "sum of the bounds", 0.3),
+        "subtract": Facts("a - b", "difference of the bounds", 0.3),
+        "multiply": Facts("a · b", "product of the bounds", 0.3),
+        "min": Facts("min(a, b)", "the lower bounds", 0.3),
+        "max": Facts("max(a, b)", "the higher bounds", 0.3),
+    }
     op: Literal["add", "subtract", "multiply", "min", "max"]
     a: "Expression"
     b: "Expression"
 
 
-class Sphere(Node):
-    """Distance to a sphere in voxels, negative inside."""
+class Abs(Node):
+    """Magnitude of a density: a sheet where its surface was. Subtract from it to give the sheet a thickness."""
 
-    op: Literal["sphere"] = "sphere"
-    center: Point = (0.0, 0.0, 0.0)
+    facts: ClassVar = {"abs": Facts("|a|", "≥ 0", 0.3)}
+    op: Literal["abs"] = "abs"
+    a: "Expression"
+
+
+class Clamp(Node):
+    """A density held between two numbers."""
+
+    facts: ClassVar = {"clamp": Facts("min(max(a, low), high)", "[low, high]", 0.6)}
+    op: Literal["clamp"] = "clamp"
+    a: "Expression"
+    low: Number
+    high: Number
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.low > self.high:
+            raise ValueError("low should be at most high")
+        return self
+
+
+_ROUNDED: Final = "h² / (4 radius), where h = max(radius - |a - b|, 0)"
+
+
+class Smooth(Node):
+    """`min` or `max` with the crease where both are equal rounded off, over `radius` voxels of difference."""
+
+    facts: ClassVar = {
+        "smooth_min": Facts(f"min(a, b) - {_ROUNDED}", "min's, less radius / 4", 0.6),
+        "smooth_max": Facts(f"max(a, b) + {_ROUNDED}", "max's, plus radius / 4", 0.6),
+    }
+    op: Literal["smooth_min", "smooth_max"]
+    a: "Expression"
+    b: "Expression"
     radius: Length
 
 
-class Simplex3(Node):
-    """Simplex noise in three dimensions, in [-1, 1], mean 0. `salt` tells noises of one world apart.
+class Select(Node):
+    """One density where another is below a threshold, a second one above it; blended over `width` around it."""
 
-    Two of equal salt are the same function at another scale around the origin: noises that are combined want different
-    salts.
+    facts: ClassVar = {
+        "select": Facts(
+            "below + s (above - below), where s = t² (3 - 2 t), t = clamp((by - at) / width + 1/2, 0, 1)",
+            "both",
+            0.9,
+        )
+    }
+    op: Literal["select"] = "select"
+    by: "Expression"
+    below: "Expression"
+    above: "Expression"
+    at: Number = 0.0
+    width: LengthOrZero = 0.0
+
+
+def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if any(left[0] + LENGTH_MIN > right[0] for left, right in itertools.pairwise(points)):
+        raise ValueError("the first numbers of the points should rise, by at least 2**-20")
+    return points
+
+
+class Remap(Node):
+    """A piecewise linear curve through `points` (from, to); flat before the first and after the last of them."""
+
+    facts: ClassVar = {"remap": Facts("curve(a)", "between the lowest and the highest point", 8.0)}
+    op: Literal["remap"] = "remap"
+    a: "Expression"
+    points: Annotated[
+        tuple[tuple[Number, Number], ...], Field(min_length=2, max_length=KNOTS_MAX), AfterValidator(_rising)
+    ]
+
+    def cost(self) -> float:
+        """Return the cost of all pieces, ns a sample."""
+        return 0.3 * len(self.points)
+
+
+class Heightfield(Node):
+    """How far the point is above the height that another node gives: ground. Worked out in float64, rounded once."""
+
+    facts: ClassVar = {"heightfield": Facts("y - height", "any", 0.4)}
+    op: Literal["heightfield"] = "heightfield"
+    height: "Expression"
+
+
+class Translate(Node):
+    """A subtree moved by `offset`."""
+
+    facts: ClassVar = {"translate": Facts("a(p - offset)", "a's", 1.0)}
+    op: Literal["translate"] = "translate"
+    a: "Expression"
+    offset: Point
+
+
+def _number_is_each(value: Any) -> Any:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (value,) * 3
+    return value
+
+
+class Scale(Node):
+    """A subtree `factor` times as large around the origin: a number, or one for each axis.
+
+    The density is multiplied by the smallest of them, so that it stays in voxels and never promises more than the
+    distance to the surface.
     """
 
-    op: Literal["simplex3"] = "simplex3"
-    frequency: Frequency
-    salt: Salt = 0
+    facts: ClassVar = {"scale": Facts("min(factor) · a(p / factor)", "min(factor) times a's", 1.3)}
+    op: Literal["scale"] = "scale"
+    a: "Expression"
+    factor: Annotated[tuple[Factor, Factor, Factor], BeforeValidator(_number_is_each)]
 
 
-class Fbm(Node):
-    """Octaves of noise, summed and divided by the sum of their amplitudes: in [-1, 1], mean 0.
+class Rotate(Node):
+    """A subtree turned around the origin by a quaternion (x, y, z, w) of any length."""
 
-    Octave k has frequency `frequency * lacunarity**k` and amplitude `gain**k`. `fbm2` sums gradient noise over (x, z),
-    `fbm3` sums simplex noise over (x, y, z). Octave k of two with the same op and salt is the same function at another
-    scale around the origin: noises that are combined want different salts.
-    """
-
-    op: Literal["fbm2", "fbm3"]
-    frequency: Frequency
-    octaves: Octaves
-    lacunarity: Ratio = 2.0
-    gain: Gain = 0.5
-    salt: Salt = 0
+    facts: ClassVar = {"rotate": Facts("a(q⁻¹ p q)", "a's", 2.0)}
+    op: Literal["rotate"] = "rotate"
+    a: "Expression"
+    quaternion: tuple[Number, Number, Number, Number]
 
     @model_validator(mode="after")
-    def _check_last_band(self) -> Self:
-        if self.bands()[-1][0] > FREQUENCY_MAX:
-            raise ValueError(f"the frequency of the last octave should be at most {FREQUENCY_MAX}")
+    def _check_length(self) -> Self:
+        if max(map(abs, self.quaternion)) < QUATERNION_MIN:
+            raise ValueError("the quaternion should have a component of at least 2**-20")
         return self
 
-    def bands(self) -> list[tuple[float, float]]:
-        """Return (frequency, amplitude) of each octave, by multiplication alone: a power is not the same everywhere."""
-        bands = [(self.frequency, 1.0)]
-        for _ in range(self.octaves - 1):
-            frequency, amplitude = bands[-1]
-            bands.append((frequency * self.lacunarity, amplitude * self.gain))
-        return bands
+
+def _some_period(period: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(period) or any(0 < length < PERIOD_MIN for length in period):
+        raise ValueError(f"each period should be 0 or at least {PERIOD_MIN} voxels, and one of them not 0")
+    return period
+
+
+class Repeat(Node):
+    """The cell of a subtree around the origin, again and again: every `period` voxels along each axis, 0 for never.
+
+    What reaches beyond its cell is cut off there. `random` tells the cells apart. `mean` is what the whole node fades
+    to at coarse levels: 1 is air.
+    """
+
+    facts: ClassVar = {
+        "repeat": Facts(
+            "a(p - period · round(p / period))", "a's within one cell", 2.5, "the smallest period; `mean` is left"
+        )
+    }
+    op: Literal["repeat"] = "repeat"
+    a: "Expression"
+    period: Annotated[tuple[LengthOrZero, LengthOrZero, LengthOrZero], AfterValidator(_some_period)]
+    mean: Number = 1.0
+
+
+class Random(Node):
+    """A number that is random for each cell of the `repeat` around it, and the same all over that cell.
+
+    Outside any `repeat` it is one number for the whole world of a seed.
+    """
+
+    facts: ClassVar = {"random": Facts("hash of the cell, the seed and the salt", "[-1, 1]", 2.5)}
+    op: Literal["random"] = "random"
+    salt: Salt = 0
+
+
+class Warp(Node):
+    """A subtree looked up at points that are moved by three other nodes, in voxels: domain warp."""
+
+    facts: ClassVar = {"warp": Facts("a(p + (x, y, z))", "a's", 0.9)}
+    op: Literal["warp"] = "warp"
+    a: "Expression"
+    x: "Expression" = Constant(value=0.0)
+    y: "Expression" = Constant(value=0.0)
+    z: "Expression" = Constant(value=0.0)
+
+
+class Detailed(Node):
+    """A subtree whose features are taken for `factor` times their size where levels of detail fade them.
+
+    2 keeps each feature one level longer, 1/2 drops it one level sooner. At the root it is the recipe's own parameter.
+    """
+
+    facts: ClassVar = {"detail": Facts("a", "a's", 0.0)}
+    op: Literal["detail"] = "detail"
+    a: "Expression"
+    factor: Detail
 
 
 def _number_is_constant(value: Any) -> Any:
@@ -127,10 +262,23 @@ def _number_is_constant(value: Any) -> Any:
     return value
 
 
+_LEAVES = Constant | Axis | Random | Sphere | Box | Capsule | Torus | Cylinder | Plane | Noise | Cellular | Sum
+_ARITHMETIC = Binary | Abs | Clamp | Smooth | Select | Remap | Heightfield
+_PLACES = Translate | Scale | Rotate | Repeat | Warp | Detailed
 Expression = Annotated[
-    Annotated[Constant | Axis | Binary | Sphere | Simplex3 | Fbm, Field(discriminator="op")],
+    Annotated[_LEAVES | _ARITHMETIC | _PLACES, Field(discriminator="op")],
     BeforeValidator(_number_is_constant),
 ]
 """Any node, or a number."""
 
-Binary.model_rebuild()
+SECTIONS: Final[dict[str, tuple[type[Node], ...]]] = {
+    "Numbers and coordinates": (Constant, Axis, Random),
+    "Ground and shapes": (Heightfield, Plane, Sphere, Box, Capsule, Torus, Cylinder),
+    "Arithmetic": (Binary, Smooth, Abs, Clamp, Select, Remap),
+    "Noise": (Noise, Cellular, Sum),
+    "Where a subtree is": (Translate, Scale, Rotate, Repeat, Warp, Detailed),
+}
+"""Every model, as docs/recipes/nodes.md shows them."""
+
+for _model in itertools.chain.from_iterable(SECTIONS.values()):
+    _model.model_rebuild()

@@ -38,7 +38,7 @@ FORK_SERVER: Final = (sys.executable, "-P", "-m", "chunkserver.worker")
 """-P: what lies in the working directory is not imported."""
 FORK_SERVER_ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 """There is a worker for each core; and a process that has threads must not fork."""
-WARM_SECONDS_MAX: Final = 120.0
+WARM_SECONDS_MAX: Final = 300.0
 START_SECONDS_MAX: Final = 10.0
 """From asking for a fork to the worker's first word."""
 BUFFER_BYTES: Final = 1 << 18

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from tests.house.checkout import Function, functions, holds
 
-COMPILERS = {"kernel", "inlined"}
+COMPILERS = {"kernel", "inlined", "spliced"}
 LIBRARIES = {"np", "numpy", "math"}
 ALLOWED = {
     *("sqrt", "floor", "empty"),

@@ -74,7 +74,7 @@ def test_a_changed_callee_is_compiled_again_and_an_unchanged_one_is_not(package)
 
 def test_compiled_code_lies_in_a_folder_named_after_the_digest(package):
     _, digest, folder, _ = run(package)
-    assert folder == package.parent / "cache" / f"kernels-{digest}"
+    assert folder == package.parent / "cache" / f"kernels-{digest}", "nothing is left out of so small a package"
     assert any(folder.rglob("*.nbi"))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from chunkserver.recipe.library import CAVE_FREQUENCY, CAVE_SCALE, CAVE_THRESHOLD
+from chunkserver.recipe.library.terrain import CAVE_FREQUENCY, CAVE_SCALE, CAVE_THRESHOLD
 from tests.noises import evaluate
 from tests.scale import count
 

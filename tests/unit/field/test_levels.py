@@ -1,13 +1,11 @@
-"""The fade rule: whole from 8 steps, gone at 4, nothing at LOD 0; and what has faded leaves no trace."""
+"""The fade rule: whole from 8 steps, gone at 4, nothing at LOD 0; what each kind of feature fades to."""
 
-import math
-
+import numpy as np
 import pytest
 
-from chunkserver.field import levels, sample
-from chunkserver.field.levels import bounds, visible, weight
-from chunkserver.grid import ChunkKey, ChunkShape
-from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, nodes
+from chunkserver.field.levels import weight
+from chunkserver.grid import ChunkKey
+from tests.unit.field.chunks import density, lattice
 
 
 @pytest.mark.parametrize(
@@ -35,59 +33,76 @@ def test_a_feature_never_grows_with_the_level():
         assert weights[0] == 1.0
 
 
-ROUNDING = 1e-5
-
-CAVE = nodes.Binary(op="subtract", a=nodes.Simplex3(frequency=0.05), b=nodes.Constant(value=0.6))
-GROUND = nodes.Axis(op="y")
-AIR_ABOVE_CAVE = nodes.Binary(op="subtract", a=nodes.Constant(value=0.0), b=CAVE)
+SPHERE = {"op": "sphere", "radius": 6}
+CELLS = {"op": "cellular2", "frequency": 1 / 12, "jitter": 1}
+EACH = ChunkKey(1, 0, 0, 0)
 
 
-def joined(op, a, b):
-    return nodes.Binary(op=op, a=a, b=b)
-
-
-@pytest.mark.parametrize(
-    ("tree", "lod", "expected"),
-    [
-        (joined("max", GROUND, CAVE), 0, joined("max", GROUND, CAVE)),
-        (joined("max", GROUND, CAVE), 1, joined("max", GROUND, CAVE)),
-        (joined("max", GROUND, CAVE), 2, GROUND),
-        (joined("max", CAVE, GROUND), 2, GROUND),
-        (joined("min", GROUND, AIR_ABOVE_CAVE), 2, GROUND),
-        (joined("min", GROUND, CAVE), 2, joined("min", GROUND, CAVE)),
-        (joined("max", GROUND, AIR_ABOVE_CAVE), 2, joined("max", GROUND, AIR_ABOVE_CAVE)),
-        (joined("min", joined("max", GROUND, CAVE), GROUND), 2, joined("min", GROUND, GROUND)),
-        (joined("add", joined("max", GROUND, CAVE), GROUND), 2, joined("add", joined("max", GROUND, CAVE), GROUND)),
-        (joined("max", CAVE, nodes.Constant(value=-1.0)), 2, CAVE),
-        (nodes.Constant(value=-1.0), 2, nodes.Constant(value=-1.0)),
-    ],
-)
-def test_a_cut_that_cuts_nothing_is_left_out(tree, lod, expected):
-    assert visible(tree, lod) == expected
+def test_a_shape_shrinks_evenly():
+    """12 voxels across, a sphere has half its weight at LOD 1: half its depth is lost. At LOD 2 nothing is inside."""
+    x, y, z = lattice(EACH)
+    assert np.allclose(density(SPHERE, EACH), np.sqrt(x * x + y * y + z * z) - 3)
+    assert density(SPHERE, ChunkKey(2, 0, 0, 0)).min() == 0
+    assert density(SPHERE, ChunkKey(3, 0, 0, 0)).min() == 0
 
 
 @pytest.mark.parametrize(
-    ("op", "a", "b", "expected"),
+    ("shape", "depth"),
     [
-        ("add", (-1.0, 2.0), (10.0, 20.0), (9.0, 22.0)),
-        ("subtract", (-1.0, 2.0), (10.0, 20.0), (-21.0, -8.0)),
-        ("multiply", (-1.0, 2.0), (-10.0, 20.0), (-20.0, 40.0)),
-        ("multiply", (-1.0, 2.0), (-math.inf, math.inf), (-math.inf, math.inf)),
-        ("multiply", (0.0, 0.0), (-math.inf, math.inf), (0.0, 0.0)),
-        ("min", (-1.0, 2.0), (0.0, 1.0), (-1.0, 1.0)),
-        ("max", (-1.0, 2.0), (0.0, 1.0), (0.0, 2.0)),
+        ({"op": "box", "half_extents": [90, 6, 40], "rounding": 2}, 6),
+        ({"op": "capsule", "a": [0, 0, 0], "b": [50, 0, 0], "radius": 6}, 6),
+        ({"op": "torus", "radius": 40, "tube": 6}, 6),
+        ({"op": "cylinder", "radius": 40, "half_height": 6}, 6),
+        ({"op": "cylinder", "radius": 6, "half_height": 60}, 6),
     ],
 )
-def test_bounds_of_two(op, a, b, expected):
-    assert levels._combined(op, a, b) == expected
+def test_shapes_shrink_by_how_thin_they_are(shape, depth):
+    whole = density({"op": "translate", "a": shape, "offset": [0, 0, 0]}, ChunkKey(0, 0, 0, 0))[1::2, 1::2, 1::2]
+    halved = density(shape, EACH)[1:10, 1:10, 1:10]
+    assert np.allclose(halved - whole, depth / 2)
 
 
-@pytest.mark.parametrize("lod", [0, 1, 2, 3, 20])
-@pytest.mark.parametrize("name", BUILTINS)
-def test_bounds_hold_what_is_sampled(name, lod):
-    recipe = WorldRecipe(3, builtin(name))
-    low, high = bounds(visible(recipe.expression, lod), lod)
-    for key in (ChunkKey(lod, 0, 0, 0), ChunkKey(lod, 1, -1, 2)):
-        density = sample(recipe, key, ChunkShape(16)).density
-        assert low - ROUNDING <= density.min()
-        assert density.max() <= high + ROUNDING
+def test_noise_fades_towards_its_mean():
+    for tree, mean in ((CELLS, 0.3825 + 0.0480), ({"op": "gradient3", "frequency": 1 / 12}, 0.0)):
+        fine = density(tree, ChunkKey(0, 0, 0, 0))[1::2, 1::2, 1::2]
+        assert np.allclose(density(tree, EACH)[1:10, 1:10, 1:10], (fine + mean) / 2, atol=1e-6)
+        assert np.unique(density(tree, ChunkKey(2, 0, 0, 0))) == [np.float32(mean)]
+
+
+@pytest.mark.parametrize(("op", "mean"), [("ridged2", 1 - 2 * 0.2533), ("billow2", 2 * 0.2533 - 1)])
+def test_the_octaves_of_a_ridge_fade_one_by_one(op, mean):
+    """12 and 6 voxels large: at LOD 1 half of the first is left and none of the second."""
+    fine = {"op": op, "frequency": 1 / 12, "octaves": 1}
+    both = {**fine, "octaves": 2}
+    first = density(fine, ChunkKey(0, 0, 0, 0))[1::2, 1::2, 1::2]
+    expected = 2 / 3 * (first + mean) / 2 + 1 / 3 * mean
+    assert np.allclose(density(both, EACH)[1:10, 1:10, 1:10], expected, atol=1e-6)
+    assert np.allclose(density(both, ChunkKey(2, 0, 0, 0)), mean, atol=1e-6)
+
+
+def test_a_repetition_fades_towards_what_its_node_says():
+    lattice_of_spheres = {"op": "repeat", "a": {"op": "x"}, "period": [12, 0, 24], "mean": 5}
+    fine = density(lattice_of_spheres, ChunkKey(0, 0, 0, 0))[1::2, 1::2, 1::2]
+    assert np.allclose(density(lattice_of_spheres, EACH)[1:10, 1:10, 1:10], (fine + 5) / 2)
+    assert np.unique(density(lattice_of_spheres, ChunkKey(2, 0, 0, 0))) == [5]
+
+
+@pytest.mark.parametrize(
+    "larger",
+    [
+        {"op": "scale", "a": SPHERE, "factor": 4},
+        {"op": "scale", "a": SPHERE, "factor": [8, 4, 5]},
+        {"op": "detail", "a": {"op": "sphere", "radius": 24}, "factor": 1},
+        {"op": "detail", "a": {"op": "scale", "a": {"op": "sphere", "radius": 12}, "factor": 4}, "factor": 1 / 2},
+    ],
+)
+def test_scale_and_detail_change_the_size_of_features(larger):
+    """All are 48 voxels large, or are to be taken so: whole at LOD 2, half gone at LOD 3, gone at LOD 4."""
+    whole = [density(larger, ChunkKey(lod, 0, 0, 0))[1, 1, 1] for lod in range(5)]
+    assert whole == [whole[0]] * 3 + [whole[0] / 2, 0]
+
+
+def test_detail_keeps_a_feature_a_level_longer():
+    kept = {"op": "detail", "a": SPHERE, "factor": 2}
+    assert density(kept, EACH)[1, 1, 1] == -6
+    assert density(kept, ChunkKey(2, 0, 0, 0))[1, 1, 1] == -3

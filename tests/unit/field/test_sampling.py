@@ -1,4 +1,4 @@
-"""One chunk's samples: each node against numpy, the lattice, far away, and what is refused."""
+"""One chunk's samples: noise against numpy, the lattice, far away, and what is refused."""
 
 import numpy as np
 import pytest
@@ -6,57 +6,17 @@ from numpy.typing import NDArray
 
 from chunkserver.errors import BadKey, BadParameter
 from chunkserver.field import sample
-from chunkserver.field.tape import noise_name
+from chunkserver.field.noise.names import noise_name
 from chunkserver.grid import ChunkKey, ChunkShape
-from chunkserver.recipe import WorldRecipe, builtin, canonical
+from chunkserver.recipe import WorldRecipe, builtin
 from tests.reference import field_oracle
-
-SEED = 7
-SHAPE = ChunkShape(16)
-KEY = ChunkKey(0, -1, 0, 1)
-
-
-def density(tree: object, key: ChunkKey = KEY, shape: ChunkShape = SHAPE) -> NDArray[np.float32]:
-    return sample(WorldRecipe(SEED, canonical(tree)), key, shape).density
-
-
-def lattice(key: ChunkKey = KEY, shape: ChunkShape = SHAPE) -> tuple[NDArray[np.float64], ...]:
-    """Return x, y, z of a chunk's samples, each in the samples' own shape (y, z, x)."""
-    low = key.low_corner(shape.cells)
-    along = [np.float64(low[axis]) + key.step * (np.arange(shape.samples) - shape.apron) for axis in range(3)]
-    y, z, x = np.meshgrid(along[1], along[2], along[0], indexing="ij")
-    return x, y, z
+from tests.unit.field.chunks import KEY, SEED, SHAPE, density, lattice
 
 
 def noise_of(basis: str, frequency: float, salt: int, octave: int, at: tuple[NDArray[np.float64], ...]):
     offsets, keys = noise_name(SEED, salt, octave)
     points = np.stack([c.ravel() * frequency + offset for c, offset in zip(at, offsets, strict=True)], 1)
     return getattr(field_oracle, basis)(points, keys).reshape(at[0].shape)
-
-
-@pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_axes(axis):
-    assert np.array_equal(density({"op": axis}), lattice()["xyz".index(axis)])
-
-
-@pytest.mark.parametrize("value", [0, -3.5, 0.1])
-def test_constant(value):
-    assert np.array_equal(density(value), np.full((19,) * 3, np.float32(value)))
-
-
-@pytest.mark.parametrize(
-    ("name", "of"),
-    [("add", np.add), ("subtract", np.subtract), ("multiply", np.multiply), ("min", np.minimum), ("max", np.maximum)],
-)
-def test_binaries(name, of):
-    x, _, z = lattice()
-    assert np.array_equal(density({"op": name, "a": {"op": "x"}, "b": {"op": "z"}}), of(x, z))
-
-
-def test_sphere():
-    x, y, z = lattice()
-    expected = np.sqrt((x - 1.5) ** 2 + (y + 2) ** 2 + (z - 30) ** 2) - 9.25
-    assert np.abs(density({"op": "sphere", "center": [1.5, -2, 30], "radius": 9.25}) - expected).max() < 2e-6
 
 
 def test_simplex3():
@@ -74,14 +34,6 @@ def test_fbm(name, basis):
 @pytest.mark.parametrize(("value", "expected"), [(1e6, 65536), (-1e6, -65536), (65536, 65536), (-65535, -65535)])
 def test_the_field_is_clamped(value, expected):
     assert np.unique(density(value)) == [expected]
-
-
-def test_what_is_not_a_number_is_air():
-    """Infinity minus infinity: a recipe may overflow float32, but no NaN leaves the field."""
-    huge: object = 1e12
-    for _ in range(3):
-        huge = {"op": "multiply", "a": huge, "b": huge}
-    assert np.unique(density({"op": "subtract", "a": huge, "b": huge})) == [65536]
 
 
 @pytest.mark.parametrize("cells", [16, 32, 64])

@@ -1,120 +1,84 @@
-"""The tape: what is on it, in which order, and that no register is overwritten while it is needed."""
-
-import json
+"""Registers: none is overwritten while it is needed, and each is used again when it is not."""
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from chunkserver.errors import BadRecipe
-from chunkserver.field import interpreter as op
-from chunkserver.field.tape import REGISTERS_MAX, Tape, flatten, noise_name
-from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, canonical
+from chunkserver.field import ops
+from chunkserver.field.flatten import WRITERS
+from chunkserver.field.interpreter import run
+from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.tape import INPUTS, Tape, allocate, keep_all
+from chunkserver.field.writer import Frame, Writer
+from chunkserver.recipe import BUILTINS, builtin
+from tests.unit.field.chunks import recipe
 
 CAVES = {"op": "simplex3", "frequency": 0.05}
-HILLS = {"op": "fbm2", "frequency": 0.02, "octaves": 5}
-
-
-def tape_of(tree: object, lod: int = 0) -> Tape:
-    return flatten(WorldRecipe(7, canonical(tree)), lod)
-
-
-def ops(tape: Tape) -> list[int]:
-    return [int(code) for code in tape.code[:, 0]]
+SIDE = 5
 
 
 def binary(name: str, a: object, b: object) -> dict[str, object]:
     return {"op": name, "a": a, "b": b}
 
 
-def test_equal_subtrees_are_on_the_tape_once():
-    twice = binary("max", binary("subtract", CAVES, 0.5), binary("multiply", CAVES, binary("subtract", CAVES, 0.5)))
-    assert ops(tape_of(twice)).count(op.SIMPLEX3) == 1
-    assert ops(tape_of(twice)).count(op.SUBTRACT) == 1
+def tapes(tree: object, lod: int = 0) -> tuple[Tape, Tape]:
+    """Return the tape of a recipe, and the same with a register for each step."""
+    writer = Writer(7, lod, WRITERS)
+    root = writer.write(recipe(tree).expression, Frame())
+    return allocate(writer.steps, root), keep_all(writer.steps, root)[0]
 
 
-def test_subtrees_that_differ_in_a_salt_are_kept_apart():
-    assert ops(tape_of(binary("max", CAVES, {**CAVES, "salt": 1}))).count(op.SIMPLEX3) == 2
+def densities(tape: Tape) -> NDArray[np.float32]:
+    places, values = np.empty((tape.places, SIDE * SIDE)), np.empty((tape.values, SIDE * SIDE), np.float32)
+    density = np.empty((SIDE, SIDE * SIDE), np.float32)
+    low = np.array([-7.0, 11.0, 2.0])
+    box = low, 3.0, SIDE
+    run(tape.code, tape.numbers, tape.keys, tape.columns, tape.result, *box, places, values, *scratch(), density)
+    return density
 
 
-def test_what_does_not_depend_on_y_comes_first():
-    tape = tape_of(binary("max", binary("subtract", {"op": "y"}, binary("multiply", HILLS, 24)), CAVES))
-    above, below = ops(tape)[: tape.columns], ops(tape)[tape.columns :]
-    assert above.count(op.GRADIENT2) == 5
-    assert op.MULTIPLY in above
-    assert set(below) == {op.Y, op.SUBTRACT, op.SIMPLEX3, op.MAX}
-
-
-@pytest.mark.parametrize("tree", [{"op": "x"}, HILLS, 3.5])
-def test_a_recipe_without_y_is_all_columns(tree):
-    tape = tape_of(tree)
-    assert tape.columns == len(tape.code)
-
-
-def test_octaves_that_a_level_has_lost_are_not_on_the_tape():
-    """Feature sizes 50, 25, 12.5, 6.25, 3.125 voxels; at LOD 2 what is at most 16 is gone, at LOD 4 everything."""
-    assert [ops(tape_of(HILLS, lod)).count(op.GRADIENT2) for lod in range(6)] == [5, 3, 2, 1, 0, 0]
-    assert ops(tape_of(HILLS, 4)) == [op.CONSTANT]
-
-
-def test_fading_octaves_keep_the_sum_of_the_whole_ones_as_their_measure():
-    amplitudes = tape_of(HILLS, 1).numbers[1:4, 0]
-    assert np.allclose(amplitudes * 31 / 16, [1, 0.5, 0.25 * (6.25 - 4) / 4])
+def check_registers(tree: object, lod: int = 0) -> Tape:
+    tape, kept = tapes(tree, lod)
+    assert np.array_equal(densities(tape), densities(kept))
+    return tape
 
 
 @pytest.mark.parametrize("name", BUILTINS)
 @pytest.mark.parametrize("lod", [0, 2, 9])
 def test_no_value_is_overwritten_before_its_last_use(name, lod):
-    check_registers(flatten(WorldRecipe(7, builtin(name)), lod))
+    check_registers(builtin(name).encode(), lod)
 
 
-def check_registers(tape: Tape) -> None:
-    """Replay the tape as the interpreter does, twice over the planes, with the name of each value in its register."""
-    held: dict[int, object] = {}
-    planes = [range(len(tape.code)), range(tape.columns, len(tape.code)), range(tape.columns, len(tape.code))]
-    expected: dict[int, tuple[object, object]] = {}
-    for rows in planes:
-        for at in rows:
-            _, out, a, b = tape.code[at].tolist()
-            assert out not in {a, b}, "an operand's register is never the destination's"
-            assert out < tape.registers
-            operands = held.get(a), held.get(b)
-            assert expected.setdefault(at, operands) == operands, "every plane reads the values that the first one read"
-            held[out] = at
-        assert held[tape.result] == len(tape.code) - 1 or tape.columns == len(tape.code)
+def test_an_operands_register_is_never_the_destinations():
+    tape = check_registers(
+        binary("add", binary("multiply", {"op": "x"}, {"op": "y"}), binary("max", CAVES, {"op": "z"}))
+    )
+    for row in tape.code.tolist():
+        read = [ops.X, ops.Y, ops.Z] if row[ops.CODE] <= ops.COORDINATE_LAST else [ops.A, ops.B]
+        assert row[ops.OUT] not in [row[column] for column in read] or row[ops.CODE] in (ops.CONSTANT, ops.COORDINATE)
 
 
 def test_registers_are_used_again():
     deep: object = {"op": "y"}
-    for n in range(30):
-        deep = binary("add", deep, binary("multiply", {"op": "y"}, {**CAVES, "salt": n}))
-    tape = tape_of(deep)
-    assert len(tape.code) > 90
-    assert tape.registers <= 6
-    check_registers(tape)
+    for n in range(15):
+        term = binary("multiply", {"op": "y"}, {**CAVES, "salt": n})
+        deep = binary("add", deep, {"op": "translate", "a": term, "offset": [1, n, 0]})
+    tape = check_registers(deep)
+    assert len(tape.code) > 60
+    assert tape.values <= 6
+    assert tape.places <= INPUTS + 4
 
 
-def test_a_recipe_that_needs_too_many_registers_is_refused():
-    wide = [{"op": "constant", "value": n} for n in range(256)]
-    while len(wide) > 1:
-        wide = [
-            binary("max", binary("multiply", {"op": "y"}, a), b) for a, b in zip(wide[::2], wide[1::2], strict=True)
-        ]
-    with pytest.raises(BadRecipe, match=f"limit is {REGISTERS_MAX}"):
-        tape_of(wide[0])
+def test_columns_that_planes_read_live_to_the_end():
+    columns: object = {"op": "y"}
+    for n in range(8):
+        columns = binary("add", columns, {"op": "simplex2", "frequency": 0.1, "salt": n})
+    assert check_registers(columns).values > 8
 
 
-def test_a_tape_is_flattened_once():
-    recipe = WorldRecipe(7, builtin("terrain"))
-    again = WorldRecipe(7, canonical(json.loads(builtin("terrain"))))
-    assert flatten(recipe, 0) is flatten(again, 0)
-    assert flatten(recipe, 0) is not flatten(recipe, 1)
-    assert flatten(recipe, 0) is not flatten(WorldRecipe(8, recipe.source), 0)
-
-
-def test_names_of_noises_differ_in_every_word():
-    names = [(7, 0, 0), (8, 0, 0), (7, 1, 0), (7, 0, 1), (0, 7, 0), (0, 0, 7), (-7, 0, 0), (7 + 2**32, 0, 0), (0, 0, 0)]
-    offsets = {offset for name in names for offset in noise_name(*name)[0]}
-    keys = {key for name in names for key in noise_name(*name)[1]}
-    assert len(offsets) == len(keys) == 3 * len(names)
-    assert all(0 <= offset < 1 for offset in offsets)
-    assert all(0 <= key < 2**32 for key in keys)
+def test_what_the_root_does_not_need_is_not_on_the_tape():
+    writer = Writer(7, 0, WRITERS)
+    frame = Frame()
+    root = writer.constant(3.0, frame)
+    writer.constant(4.0, frame)
+    assert len(allocate(writer.steps, root).code) == 1

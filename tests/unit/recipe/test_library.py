@@ -60,7 +60,7 @@ def test_what_a_user_may_give():
         ("", "built in are"),
         ({"builtin": 3}, "built in are"),
         ({"builtin": ["planet"]}, "built in are"),
-        ({"builtin": "planet", "radius": -1}, "at radius: should be greater than 0"),
+        ({"builtin": "planet", "radius": -1}, "at radius: should be greater than or equal to"),
         ({"builtin": "planet", "radius": "1"}, "at radius: should be a valid number"),
         ({"builtin": "planet", "radius": True}, "at radius: should be a valid number"),
         ({"builtin": "planet", "radius": [1]}, "at radius: should be a valid number"),

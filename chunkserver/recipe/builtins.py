@@ -1,4 +1,4 @@
-"""The built-in recipes: each is a short function from its parameters to an expression that a user could have posted."""
+"""The table of built-in recipes, and what a user may give as a recipe: a name, a tree, JSON."""
 
 import inspect
 from collections.abc import Callable
@@ -8,73 +8,25 @@ from typing import Final
 from pydantic import ValidationError, validate_call
 
 from chunkserver.errors import BadRecipe
-from chunkserver.recipe.nodes import Axis, Binary, Constant, Fbm, Length, Node, Number, Simplex3, Sphere
-from chunkserver.recipe.reading import bad_recipe, canonical_tree, read_json
+from chunkserver.recipe.library.planet import planet
+from chunkserver.recipe.library.solids import plane, sphere
+from chunkserver.recipe.library.terrain import caves, hills, terrain
+from chunkserver.recipe.node import Node
+from chunkserver.recipe.reading import canonical_tree, read_json
+from chunkserver.recipe.refusals import bad_recipe
 
-HILLS_FREQUENCY: Final = 0.02
-HILLS_OCTAVES: Final = 5
-RELIEF_VOXELS: Final = 24.0
-CAVE_FREQUENCY: Final = 0.05
-CAVE_THRESHOLD: Final = 0.6
-CAVE_SCALE: Final = 6.0
-"""Makes the gradient of the cave term about 1 per voxel at its surface (measured: `tests/unit/field/test_noise.py`),
-without moving that surface, so that an edit's strength means voxels."""
-
-SPHERE_RADIUS: Final = 48.0
-PLANET_RADIUS: Final = 200.0
-PLANET_FREQUENCY: Final = 0.01
-PLANET_OCTAVES: Final = 5
 RECIPE_DEFAULT: Final = "terrain"
 NAME_CHARACTERS_MAX: Final = 64
 
 Builtin = Callable[..., Node]
 
-
-def _terrain(relief: Number = RELIEF_VOXELS) -> Node:
-    """Rolling hills with caves cut out: the article's field."""
-    return Binary(op="max", a=_hills(relief), b=_caves())
-
-
-def _hills(relief: Number = RELIEF_VOXELS) -> Node:
-    """A heightfield of octaves of gradient noise, `relief` voxels high."""
-    heights = Fbm(op="fbm2", frequency=HILLS_FREQUENCY, octaves=HILLS_OCTAVES)
-    return Binary(op="subtract", a=Axis(op="y"), b=_times(heights, relief))
-
-
-def _caves() -> Node:
-    """Rock with caves where simplex noise passes a threshold."""
-    above_threshold = Binary(op="subtract", a=Simplex3(frequency=CAVE_FREQUENCY), b=Constant(value=CAVE_THRESHOLD))
-    return _times(above_threshold, CAVE_SCALE)
-
-
-def _sphere(radius: Length = SPHERE_RADIUS) -> Node:
-    """A ball of rock at the origin."""
-    return Sphere(radius=radius)
-
-
-def _plane() -> Node:
-    """Rock below y = 0."""
-    return Axis(op="y")
-
-
-def _planet(radius: Length = PLANET_RADIUS, relief: Number = RELIEF_VOXELS) -> Node:
-    """A ball of rock with relief on its surface and caves inside."""
-    heights = Fbm(op="fbm3", frequency=PLANET_FREQUENCY, octaves=PLANET_OCTAVES)
-    surface = Binary(op="subtract", a=Sphere(radius=radius), b=_times(heights, relief))
-    return Binary(op="max", a=surface, b=_caves())
-
-
-def _times(node: Node, factor: float) -> Node:
-    return Binary(op="multiply", a=node, b=Constant(value=factor))
-
-
 BUILTINS: Final[dict[str, Builtin]] = {
-    "terrain": _terrain,
-    "hills": _hills,
-    "sphere": _sphere,
-    "plane": _plane,
-    "caves": _caves,
-    "planet": _planet,
+    "terrain": terrain,
+    "hills": hills,
+    "sphere": sphere,
+    "plane": plane,
+    "caves": caves,
+    "planet": planet,
 }
 
 

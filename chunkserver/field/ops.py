@@ -1,0 +1,77 @@
+"""The instructions of a tape: what each reads, what it writes, which constants it has.
+
+    coordinate registers   float64   0, 1, 2 hold the point's x, y, z; the rest are moved, turned, repeated or warped
+    value registers        float32   densities, heights, weights
+
+An instruction reads values a, b, c and coordinates x, y, z, and writes one register of either kind. Its constants start
+at its place in the tape's `numbers`.
+"""
+
+from typing import Final
+
+CODE: Final = 0
+OUT: Final = 1
+A: Final = 2
+B: Final = 3
+C: Final = 4
+X: Final = 5
+Y: Final = 6
+Z: Final = 7
+NUMBERS: Final = 8
+COLUMNS: Final = 9
+"""Columns of a tape's code."""
+
+# Coordinates. out = ...                 numbers
+AFFINE: Final = 0  # x * n0 + n1
+TURN: Final = 1  # (x * n0 + y * n1) + z * n2
+REPEAT: Final = 2  # x - n0 * cell(x)               period, 1 / period
+CELL: Final = 3  # cell(x), about round(x * n1)      period, 1 / period
+WARP: Final = 4  # x + a
+COORDINATE_LAST: Final = WARP
+
+# Values of values.
+CONSTANT: Final = 5  # n0
+COORDINATE: Final = 6  # x
+HEIGHT: Final = 7  # x - a
+ADD: Final = 8
+SUBTRACT: Final = 9
+MULTIPLY: Final = 10
+MIN: Final = 11
+MAX: Final = 12
+ABS: Final = 13
+FOLD: Final = 14  # b + (n0 + n1 * |a|)
+SMOOTH_MIN: Final = 15  # radius, 1 / (4 radius)
+SMOOTH_MAX: Final = 16
+SELECT: Final = 17  # by a: b or c                   at - width / 2, at + width / 2, 1 / width
+REMAP: Final = 18  # count, then (from, to, rise, 1 / width) of each knot
+ARITHMETIC_LAST: Final = REMAP
+
+# Distances. The first number is added, the second is the least that comes out.
+PLANE: Final = 19
+SPHERE: Final = 20
+BOX: Final = 21
+CAPSULE: Final = 22
+TORUS: Final = 23
+CYLINDER: Final = 24
+SHAPE_LAST: Final = CYLINDER
+
+RANDOM: Final = 25
+
+# Noise: b + amplitude * noise. Amplitude, frequency, three offsets, jitter, returns, low, high, Lipschitz constant.
+GRADIENT2: Final = 26
+GRADIENT3: Final = 27
+VALUE2: Final = 28
+VALUE3: Final = 29
+SIMPLEX2: Final = 30
+SIMPLEX3: Final = 31
+CELLULAR2: Final = 32
+CELLULAR3: Final = 33
+
+NOISE_LOW: Final = 7
+NOISE_HIGH: Final = 8
+NOISE_LIPSCHITZ: Final = 9
+"""Where among a noise's numbers its facts stand, for the intervals."""
+
+KNOT_NUMBERS: Final = 4
+NUMBERS_LONGEST: Final = 10
+"""The most numbers that an instruction reads without having counted them: a tape has as many to spare at its end."""

@@ -1,0 +1,100 @@
+"""What writes the steps of a tape: equal steps once, constants worked out, each subtree in its own frame."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from chunkserver.field import ops
+from chunkserver.field.interpreter import run
+from chunkserver.field.levels import weight
+from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.tape import INPUTS, NONE, Step, allocate
+from chunkserver.recipe import nodes
+
+Places = tuple[int, int, int]
+Writers = Mapping[type[nodes.Node], Callable[[Any, Any, "Frame"], int]]
+"""Model of a node -> what writes it: (writer, node, frame) -> place of its value."""
+
+ORIGIN: Final[Places] = (NONE, NONE, NONE)
+
+
+class Frame(NamedTuple):
+    """What a subtree sees.
+
+    places: the coordinates of the point.
+    cells: the cell of the innermost `repeat`; NONE along an axis without one.
+    scale: voxels per unit of these coordinates, for feature sizes.
+    path: where the subtree stands in the recipe, as a user writes it.
+    """
+
+    places: Places = (0, 1, 2)
+    cells: Places = ORIGIN
+    scale: float = 1.0
+    path: str = ""
+
+    def below(self, name: str) -> "Frame":
+        """Return the frame of operand `name`."""
+        return self._replace(path=f"{self.path}.{name}" if self.path else name)
+
+    def moved(self, places: Sequence[int], scale: float = 1.0) -> "Frame":
+        """Return the frame of what sees other coordinates, whose unit is `scale` of these."""
+        x, y, z = places
+        return self._replace(places=(x, y, z), scale=self.scale * scale)
+
+
+class Writer:
+    """Writes steps, operands first, each distinct one once."""
+
+    def __init__(self, seed: int, lod: int, writers: Writers) -> None:
+        self.seed = seed
+        self.lod = lod
+        self._writers = writers
+        self.steps = [Step(NONE) for _ in range(INPUTS)]
+        self.paths = [""] * INPUTS
+        self._places: dict[Step, int] = {}
+
+    def put(self, step: Step, path: str) -> int:
+        """Return the place of `step`, new or known; `path` says which node it comes from."""
+        if step not in self._places:
+            folded = self._folded(step)
+            if folded != step:
+                self._places[step] = self.put(folded, path)
+            else:
+                self._places[step] = len(self.steps)
+                self.steps.append(step)
+                self.paths.append(path)
+        return self._places[step]
+
+    def _folded(self, step: Step) -> Step:
+        """Return `step`, or the constant that it is."""
+        constant = step.operands and not step.is_coordinate
+        if not constant or any(self.steps[place].op != ops.CONSTANT for place in step.operands):
+            return step
+        return Step(ops.CONSTANT, numbers=(_value([*self.steps, step]),))
+
+    def constant(self, value: float, frame: Frame) -> int:
+        """Return the place of a constant."""
+        return self.put(Step(ops.CONSTANT, numbers=(value,)), frame.path)
+
+    def write(self, node: nodes.Node, frame: Frame) -> int:
+        """Return the place of the value of `node` in a frame."""
+        return self._writers[type(node)](self, node, frame)
+
+    def operand(self, node: nodes.Node, name: str, frame: Frame) -> int:
+        """Return the place of the value of operand `name` of `node`."""
+        return self.write(getattr(node, name), frame.below(name))
+
+    def weight(self, size: float, frame: Frame) -> float:
+        """Return what the level leaves of a feature of `size` units of the frame."""
+        return weight(size * frame.scale, self.lod)
+
+
+def _value(steps: list[Step]) -> float:
+    """Return the value of the last step, which depends on constants only."""
+    tape = allocate(steps, len(steps) - 1)
+    places, values = np.zeros((tape.places, 1)), np.zeros((tape.values, 1), np.float32)
+    density = np.empty((1, 1), np.float32)
+    zero = np.zeros(3)
+    run(tape.code, tape.numbers, tape.keys, 0, 0, zero, 1.0, 1, places, values, *scratch(), density)
+    return float(values[tape.result, 0])

@@ -1,0 +1,15 @@
+"""A planet: a ball with relief on it and caves in it."""
+
+from typing import Final
+
+from chunkserver.recipe.builder import fbm3, maximum, sphere
+from chunkserver.recipe.library.terrain import RELIEF_VOXELS, caves
+from chunkserver.recipe.node import Length, Node, Number
+
+PLANET_RADIUS: Final = 200.0
+
+
+def planet(radius: Length = PLANET_RADIUS, relief: Number = RELIEF_VOXELS) -> Node:
+    """A ball of rock with relief on its surface and caves inside."""
+    surface = sphere(radius=radius) - fbm3(frequency=0.01, octaves=5) * relief
+    return maximum(surface, caves())
