@@ -13,7 +13,7 @@ RUNTIME := .venv/.runtime-installed
 DEV := .venv/.dev-installed
 NODE := tests/node_modules/.installed
 
-.PHONY: run test bench torture lint format lock clean
+.PHONY: run test bench torture docs lint format lock clean
 
 run: $(RUNTIME)
 	$(BIN)/chunkserver serve $(ARGS)
@@ -27,10 +27,14 @@ torture: $(DEV) $(NODE)
 bench: $(DEV)
 	$(BIN)/python -m benchmarks $(ARGS)
 
+# What is generated in docs/. The pictures take about half a minute each: make docs ARGS="levels picture-planet"
+docs: $(DEV)
+	$(BIN)/python -m pages $(ARGS)
+
 lint: $(DEV)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy chunkserver tests benchmarks
+	$(BIN)/mypy chunkserver tests benchmarks pages
 
 format: $(DEV)
 	$(BIN)/ruff check --fix-only
