@@ -1,0 +1,1 @@
+"""Everything in docs/ that is generated: pictures and tables. `python -m pages` writes it again."""
