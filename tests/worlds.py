@@ -91,3 +91,19 @@ def smooth(rng: np.random.Generator, side: int) -> Densities:
 
 
 GRIDS = {"white noise": white_noise, "integers": integers, "extremes": extremes, "smooth": smooth}
+
+
+def crowded() -> object:
+    """Return a recipe within all limits that needs too many registers.
+
+    Both ends of a clamp are constants, worked out before the first plane and kept to the last.
+    """
+    chains: list[object] = []
+    for chain in range(16):
+        tree: object = {"op": "y"}
+        for link in range(55):
+            tree = {"op": "clamp", "a": tree, "low": -1 - chain - link / 64, "high": 1 + chain + link / 64}
+        chains.append(tree)
+    while len(chains) > 1:
+        chains = [{"op": "add", "a": a, "b": b} for a, b in zip(chains[::2], chains[1::2], strict=True)]
+    return chains[0]
