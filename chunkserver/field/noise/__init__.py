@@ -1,6 +1,7 @@
 """Noise over points: hashes and blends, no table gathers, written so that the loops vectorise.
 
-Every noise is a function of one shape, `add_<noise>(x, y, z, numbers, keys, below, out, fractions, words)`. It writes
+Every noise is a function of one shape in the file of its family, `gradient`, `value`, `simplex` or `cellular`:
+`add_<noise>(x, y, z, numbers, keys, below, out, fractions, words)`. It writes
 
     out = below + amplitude * noise(frequency * point + offset)
 
@@ -16,8 +17,7 @@ bits on every machine. `tests/reference/noise_twin.py` says it all again in plai
 """
 
 from chunkserver.field.noise.facts import NOISES, Facts
-from chunkserver.field.noise.gradient import add_gradient2
 from chunkserver.field.noise.lattice import COORDINATE_MAX, scratch
-from chunkserver.field.noise.simplex import add_simplex3
+from chunkserver.field.noise.names import noise_name
 
-__all__ = ["COORDINATE_MAX", "NOISES", "Facts", "add_gradient2", "add_simplex3", "scratch"]
+__all__ = ["COORDINATE_MAX", "NOISES", "Facts", "noise_name", "scratch"]

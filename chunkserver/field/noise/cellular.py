@@ -5,6 +5,9 @@ u random in [0, 1) along each axis. Only the 3^d cells around a point's own are 
 to the nearest and the second nearest feature point, end at 1: whatever lies outside those cells is at least 1 away, so
 the capped distances are exact, and continuous, for any jitter in [0, 1].
 
+The lattice shows: distances depend on where in its cell a point lies, the more so the less jitter there is. So noises
+of different seeds but equal frequency are a little alike, by a correlation of up to 0.03 at jitter 1 and 0.5 at 0.5.
+
 Loop 2 is one pass over the block for each column of three cells along z. That keeps the code small, and all of it in
 registers; F1, F2 and the nearest point's hash wait in scratch rows from one column to the next.
 
