@@ -1,7 +1,8 @@
 """Nanoseconds per sample of a 35^3 chunk; for 2-D noise, per column of samples (35^2).
 
-Ours is a recipe of this noise alone, sampled as any chunk is: coordinates are made on the way, in float64, and the
-columns' values are copied to all 35 planes. The peer, where it is installed, gets ready float32 coordinates.
+Ours is a recipe of this noise alone, sampled as any chunk is: coordinates are made on the way, in float64. The peer,
+where it is installed, gets ready float32 coordinates, and makes the noise whose name stands in brackets. Both copy what
+depends on columns alone to all 35 planes.
 """
 
 import importlib
@@ -29,18 +30,42 @@ class Noise(NamedTuple):
     """One kind of noise, and the like of it in the peer.
 
     dimensions: 3 for every sample of a chunk, 2 for its columns of samples.
+    peer_noise, peer_fractal, peer_returns: what the peer calls it.
     """
 
     name: str
     tree: dict[str, Any]
     dimensions: int
     peer_noise: str
-    peer_fractal: str
+    peer_fractal: str = "None"
+    peer_returns: str = "Distance"
+
+
+FREQUENCY: Final = 0.05
+
+
+def _noise(op: str, dimensions: int, peer_noise: str) -> Noise:
+    tree = {"op": f"{op}{dimensions}", "frequency": FREQUENCY}
+    return Noise(f"{op} {dimensions}-D ({peer_noise})", tree, dimensions, peer_noise)
+
+
+def _cellular(dimensions: int, returns: str, peer_returns: str) -> Noise:
+    tree = {"op": f"cellular{dimensions}", "frequency": FREQUENCY, "returns": returns}
+    return Noise(f"cellular {dimensions}-D, {returns}", tree, dimensions, "Cellular", peer_returns=peer_returns)
 
 
 NOISES: Final = (
-    Noise("simplex 3-D", {"op": "simplex3", "frequency": 0.05}, 3, "OpenSimplex2", "None"),
-    Noise("fbm 2-D, 5 octaves", {"op": "fbm2", "frequency": 0.02, "octaves": OCTAVES}, 2, "Perlin", "FBm"),
+    _noise("gradient", 2, "Perlin"),
+    _noise("gradient", 3, "Perlin"),
+    _noise("value", 2, "Value"),
+    _noise("value", 3, "Value"),
+    _noise("simplex", 2, "OpenSimplex2"),
+    _noise("simplex", 3, "OpenSimplex2"),
+    _cellular(2, "distance", "Distance"),
+    _cellular(3, "distance", "Distance"),
+    _cellular(3, "edge", "Distance2Sub"),
+    _cellular(3, "value", "CellValue"),
+    Noise("fbm 2-D, 5 octaves (Perlin)", {"op": "fbm2", "frequency": 0.02, "octaves": OCTAVES}, 2, "Perlin", "FBm"),
 )
 
 
@@ -57,8 +82,7 @@ def _candidates(noise: Noise, keys: list[ChunkKey]) -> dict[str, Callable[[], fl
     candidates = {"chunkserver": timed(lambda key: sample(recipe, key, SHAPE), keys, per_second)}
     if _peer:
         points = [_points(key, noise.dimensions) for key in keys]
-        name = f"{PEER} {noise.peer_noise}"
-        candidates[name] = timed(_fast_noise(noise).gen_from_coords, points, per_second)
+        candidates[PEER] = timed(_filling(_fast_noise(noise).gen_from_coords), points, per_second)
     return candidates
 
 
@@ -68,7 +92,19 @@ def _fast_noise(noise: Noise) -> Any:
     peer.frequency = noise.tree["frequency"]
     peer.fractal_type = _peer.FractalType[f"FractalType_{noise.peer_fractal}"]
     peer.fractal_octaves = OCTAVES
+    peer.cellular_distance_function = _peer.CellularDistanceFunction.CellularDistanceFunction_Euclidean
+    peer.cellular_return_type = _peer.CellularReturnType[f"CellularReturnType_{noise.peer_returns}"]
     return peer
+
+
+def _filling(generate: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> Callable[[NDArray[np.float32]], object]:
+    """Return the action that fills a chunk's samples with what is generated for all of them, or for its columns."""
+    density = np.empty((SHAPE.samples, SHAPE.samples**2), np.float32)
+
+    def fill(points: NDArray[np.float32]) -> None:
+        density[:] = generate(points).reshape(-1, SHAPE.samples**2)
+
+    return fill
 
 
 def _points(key: ChunkKey, dimensions: int) -> NDArray[np.float32]:
