@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from pages import pictures, tables
+from pages import nodes, pictures, tables
 from pages.views import VIEWS
 
 DOCS: Final = Path(__file__).parents[1] / "docs"
@@ -14,6 +14,7 @@ DOCS: Final = Path(__file__).parents[1] / "docs"
 Generator = Callable[[Path], Path]
 
 GENERATORS: Final[dict[str, Generator]] = {
+    "nodes": nodes.write_nodes,
     "levels": tables.write_levels,
     **{f"picture-{view.name}": partial(pictures.write, view) for view in VIEWS},
 }

@@ -218,7 +218,9 @@ class Repeat(Node):
     }
     op: Literal["repeat"] = "repeat"
     a: "Expression"
-    period: Annotated[tuple[LengthOrZero, LengthOrZero, LengthOrZero], AfterValidator(_some_period)]
+    period: Annotated[tuple[LengthOrZero, LengthOrZero, LengthOrZero], AfterValidator(_some_period)] = Field(
+        description=f"Each 0 or at least {PERIOD_MIN:g}, not all 0"
+    )
     mean: Number = 1.0
 
 
