@@ -82,7 +82,7 @@ def _candidates(noise: Noise, keys: list[ChunkKey]) -> dict[str, Callable[[], fl
     candidates = {"chunkserver": timed(lambda key: sample(recipe, key, SHAPE), keys, per_second)}
     if _peer:
         points = [_points(key, noise.dimensions) for key in keys]
-        candidates[PEER] = timed(_filling(_fast_noise(noise).gen_from_coords), points, per_second)
+        candidates[PEER] = timed(_generator(noise), points, per_second)
     return candidates
 
 
@@ -97,14 +97,13 @@ def _fast_noise(noise: Noise) -> Any:
     return peer
 
 
-def _filling(generate: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> Callable[[NDArray[np.float32]], object]:
-    """Return the action that fills a chunk's samples with what is generated for all of them, or for its columns."""
-    density = np.empty((SHAPE.samples, SHAPE.samples**2), np.float32)
-
-    def fill(points: NDArray[np.float32]) -> None:
-        density[:] = generate(points).reshape(-1, SHAPE.samples**2)
-
-    return fill
+def _generator(noise: Noise) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
+    """Return the peer's action for a chunk: points (dimensions, n) to the values of all its samples."""
+    generate: Callable[[NDArray[np.float32]], NDArray[np.float32]] = _fast_noise(noise).gen_from_coords
+    if noise.dimensions == 3:
+        return generate
+    planes = SHAPE.samples, SHAPE.samples**2
+    return lambda points: np.broadcast_to(generate(points), planes).copy()
 
 
 def _points(key: ChunkKey, dimensions: int) -> NDArray[np.float32]:
