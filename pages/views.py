@@ -79,8 +79,8 @@ VIEWS: Final = (
     View(
         "planet-ground",
         "planet",
-        Camera((0, 222, 30), (60, 206, -40), up=(0.0, 1.0, 0.1)),
-        Light(azimuth=60, elevation=40, haze=400),
+        Camera((0, 222, 30), (60, 184, -40), up=(0.0, 1.0, 0.1)),
+        Light(azimuth=60, elevation=35, space=True),
         RUST._replace(radius=PLANET_RADIUS),
         Extent(far=800, floor=-30, radius=PLANET_RADIUS),
     ),
