@@ -43,7 +43,7 @@ _VALLEY: Final = View(
 _BALL: Final = View(
     "sphere",
     "sphere",
-    _camera((90, 60, 110), (0, 0, 0), SMALL),
+    _camera((108, 72, 132), (0, 0, 0), SMALL),
     Light(azimuth=10, elevation=40, haze=5000),
     ROCK,
     Extent(far=400),
