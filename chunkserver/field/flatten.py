@@ -15,6 +15,7 @@ from chunkserver.field import ops
 from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.noise.names import noise_name
 from chunkserver.field.octaves import STEEPEST, write_cellular, write_noise, write_sum
+from chunkserver.field.shapes import LENGTHS
 from chunkserver.field.tape import NONE, Step, Tape, allocate, keep_all
 from chunkserver.field.writer import Frame, Writer
 from chunkserver.grid import LATTICE_MAX
@@ -151,7 +152,8 @@ def _shape(writer: Writer, node: nodes.Shape, frame: Frame) -> int:
 
 def _distance(writer: Writer, op: int, frame: Frame, lift: float, least: float, own: tuple[float, ...]) -> int:
     x, y, z = frame.places
-    return writer.put(Step(op, x=x, y=y, z=z, numbers=(lift, least, *own)), frame.path)
+    numbers = lift, least, max(map(abs, own[:LENGTHS])), *own
+    return writer.put(Step(op, x=x, y=y, z=z, numbers=numbers), frame.path)
 
 
 def _box(node: nodes.Box) -> tuple[float, ...]:
@@ -161,7 +163,7 @@ def _box(node: nodes.Box) -> tuple[float, ...]:
 def _capsule(node: nodes.Capsule) -> tuple[float, ...]:
     along = [b - a for a, b in zip(node.a, node.b, strict=True)]
     square = sum(component * component for component in along)
-    return (*node.a, *along, 1 / square if square else 0.0, node.radius)
+    return (*node.a, *along, node.radius, 1 / square if square else 0.0)
 
 
 _SHAPES: Final[dict[type, tuple[int, Callable[[Any], tuple[float, ...]]]]] = {

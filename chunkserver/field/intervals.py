@@ -28,7 +28,9 @@ SLACK: Final = 2.0**-20
 NOISE_SLACK: Final = 2.0**-16
 """Of noise in [-1, 1]: what its roundings in float32 may add up to (`tests/property/test_intervals.py`)."""
 DISTANCE_SLACK: Final = 2.0**-40
-"""Of the distance and the coordinates: thousands of roundings of float64."""
+"""Of the coordinates and of the shape's own numbers: thousands of roundings of float64."""
+LATTICE_SLACK: Final = 2.0**-50
+"""Of a coordinate in lattice cells: eight roundings of float64, at two points and on three axes."""
 FINITE_MAX: Final = 1e38
 """Values are refused from here on: a third of what float32 holds."""
 ALL_FINITE: Final = -1
@@ -221,7 +223,7 @@ def _remap(a: _Floats, n: _Doubles, out: _Floats) -> None:
 @kernel
 def _distance(here: np.float32, radius: float, farthest: float, n: _Doubles, out: _Floats) -> None:
     middle = np.float64(here)
-    slack = radius + DISTANCE_SLACK * farthest + SLACK * abs(middle)
+    slack = radius + DISTANCE_SLACK * (farthest + n[2]) + SLACK * abs(middle)
     low = max(middle - slack, n[0] + n[1])
     out[0], out[1] = np.float32(low), np.float32(middle + slack)
 
@@ -241,7 +243,8 @@ def _noise(
         out[0], out[1] = -_INFINITE, _INFINITE
         return
     amplitude, middle = np.float32(n[0]), np.float64(here) - np.float64(below_here)
-    reach = abs(n[0]) * (n[ops.NOISE_LIPSCHITZ] * radius * n[1] + NOISE_SLACK)
+    moved = radius * n[1] + LATTICE_SLACK * (farthest * n[1] + 1.0)
+    reach = abs(n[0]) * (n[ops.NOISE_LIPSCHITZ] * moved + NOISE_SLACK)
     reach += SLACK * (abs(here) + abs(below_here))
     first, last = (
         np.float32(amplitude * np.float32(n[ops.NOISE_LOW])),

@@ -46,7 +46,7 @@ SELECT: Final = 17  # by a: b or c                   at - width / 2, at + width 
 REMAP: Final = 18  # count, then (from, to, rise, 1 / width) of each knot
 ARITHMETIC_LAST: Final = REMAP
 
-# Distances. The first number is added, the second is the least that comes out.
+# Distances. The first number is added, the second is the least that comes out, the third how large the shape is.
 PLANE: Final = 19
 SPHERE: Final = 20
 BOX: Final = 21

@@ -1,8 +1,8 @@
 """Distances: worked out in float64 and rounded to float32 once, after everything is subtracted.
 
 Each is the Euclidean distance to the surface, negative inside, so it changes by at most as much as the point moves:
-that is what the intervals build on. `numbers`: what is added (a faded shape has shrunk), the least value, then the
-shape's own, from FIRST on.
+that is what the intervals build on. `numbers`: what is added (a faded shape has shrunk), the least value, the largest
+of the shape's own lengths, then its own numbers, from FIRST on: at most LENGTHS lengths, then what is none.
 """
 
 from typing import Any, Final
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from chunkserver.field import ops
 from chunkserver.kernel import inlined, kernel
 
-FIRST: Final = 2
+FIRST: Final = 3
+LENGTHS: Final = 7
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
@@ -85,9 +86,9 @@ def _box(x: float, y: float, z: float, p: _Doubles) -> Any:
 
 @inlined
 def _capsule(x: float, y: float, z: float, p: _Doubles) -> Any:
-    """p: a, b - a, 1 / |b - a|^2 (0 if they are the same), radius."""
+    """p: a, b - a, radius, 1 / |b - a|^2 (0 if they are the same)."""
     dx, dy, dz = x - p[0], y - p[1], z - p[2]
-    t = (dx * p[3] + dy * p[4] + dz * p[5]) * p[6]
+    t = (dx * p[3] + dy * p[4] + dz * p[5]) * p[7]
     t = _positive(t)
     t = t if t < 1.0 else 1.0
-    return _length3(dx - t * p[3], dy - t * p[4], dz - t * p[5]) - p[7]
+    return _length3(dx - t * p[3], dy - t * p[4], dz - t * p[5]) - p[6]
