@@ -49,6 +49,43 @@ _BALL: Final = View(
     Extent(far=400),
 )
 
+_SEA: Final = Ground(
+    low=(0.02, 0.16, 0.19),
+    high=(0.10, 0.15, 0.045),
+    steep=(0.30, 0.27, 0.22),
+    hidden=(0.20, 0.18, 0.15),
+    change=(-6, 6),
+)
+_RED: Final = Ground(
+    low=(0.26, 0.16, 0.085),
+    high=(0.42, 0.21, 0.105),
+    steep=(0.45, 0.17, 0.07),
+    hidden=(0.25, 0.10, 0.05),
+    change=(-70, 40),
+)
+_SAND: Final = Ground(
+    low=(0.45, 0.33, 0.20), high=(0.42, 0.30, 0.20), steep=(0.38, 0.20, 0.16), hidden=(0.20, 0.10, 0.10), slope=0.8
+)
+_DUST: Final = Ground(
+    low=(0.17, 0.165, 0.16),
+    high=(0.27, 0.265, 0.26),
+    steep=(0.20, 0.195, 0.19),
+    hidden=(0.10, 0.10, 0.10),
+    change=(-20, 20),
+    radius=400.0,
+)
+_CONCRETE: Final = Ground(
+    low=(0.14, 0.14, 0.15), high=(0.42, 0.40, 0.37), steep=(0.38, 0.35, 0.31), hidden=(0.2, 0.2, 0.2), change=(1, 9)
+)
+_INSIDE: Final = Ground(
+    low=(0.19, 0.155, 0.12),
+    high=(0.19, 0.155, 0.12),
+    steep=(0.20, 0.17, 0.13),
+    hidden=(0.065, 0.10, 0.03),
+    radius=640.0,
+)
+"""What is "hidden" on a ball is the land on the inside of a ring."""
+
 VIEWS: Final = (
     _VALLEY,
     _VALLEY._replace(name="terrain-levels", look="levels", extent=Extent(far=2500, floor=-24, cell_pixels=12)),
@@ -86,4 +123,68 @@ VIEWS: Final = (
     ),
     _BALL,
     _BALL._replace(name="sphere-normals", look="normals"),
+    View(
+        "islands",
+        "islands",
+        _camera((0, 110, -260), (200, 0, 200), WIDE),
+        Light(azimuth=150, elevation=32, haze=2500),
+        _SEA,
+        Extent(far=3500, floor=-30),
+    ),
+    View(
+        "canyon",
+        "canyon",
+        _camera((215, 4, -30), (150, -20, -300), WIDE),
+        Light(azimuth=-20, elevation=32, haze=2500),
+        _RED,
+        Extent(far=2500, floor=-90),
+    ),
+    View(
+        "floating-islands",
+        "floating-islands",
+        _camera((-20, 70, -330), (80, 10, 0), WIDE),
+        Light(azimuth=-140, elevation=35, haze=1300),
+        GRASS._replace(change=(-10000, -9000)),
+        Extent(far=2500, floor=-900),
+    ),
+    View(
+        "arches",
+        "arches",
+        _camera((0, 50, -150), (100, 20, 100), WIDE),
+        Light(azimuth=-160, elevation=25, haze=1400),
+        _SAND,
+        Extent(far=2000, floor=-40),
+    ),
+    View(
+        "moon",
+        "moon",
+        Camera((0, 400, 1020), (0, 0, 0), across=50),
+        Light(azimuth=20, elevation=18, space=True),
+        _DUST,
+        Extent(far=1600, floor=-110, radius=400.0),
+    ),
+    View(
+        "city",
+        "city",
+        _camera((44, 150, -330), (110, 60, 0), WIDE),
+        Light(azimuth=170, elevation=32, haze=1200),
+        _CONCRETE,
+        Extent(far=2000, floor=-4),
+    ),
+    View(
+        "spires",
+        "spires",
+        _camera((0, 90, -150), (100, 60, 100), WIDE),
+        Light(azimuth=-150, elevation=28, haze=900),
+        GRASS._replace(slope=0.6),
+        Extent(far=1800, floor=-50),
+    ),
+    View(
+        "ring",
+        "ring",
+        Camera((0, 20, -575), (300, -30, -540), up=(0, 0, 1), across=75),
+        Light(azimuth=70, elevation=50, haze=20000),
+        _INSIDE,
+        Extent(far=1600),
+    ),
 )

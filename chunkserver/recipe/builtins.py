@@ -8,8 +8,16 @@ from typing import Final
 from pydantic import ValidationError, validate_call
 
 from chunkserver.errors import BadRecipe
+from chunkserver.recipe.library.arches import arches
+from chunkserver.recipe.library.canyon import canyon
+from chunkserver.recipe.library.city import city
+from chunkserver.recipe.library.floating_islands import floating_islands
+from chunkserver.recipe.library.islands import islands
+from chunkserver.recipe.library.moon import moon
 from chunkserver.recipe.library.planet import planet
+from chunkserver.recipe.library.ring import ring
 from chunkserver.recipe.library.solids import plane, sphere
+from chunkserver.recipe.library.spires import spires
 from chunkserver.recipe.library.terrain import caves, hills, terrain
 from chunkserver.recipe.node import Node
 from chunkserver.recipe.reading import canonical_tree, read_json
@@ -27,6 +35,14 @@ BUILTINS: Final[dict[str, Builtin]] = {
     "plane": plane,
     "caves": caves,
     "planet": planet,
+    "islands": islands,
+    "canyon": canyon,
+    "floating-islands": floating_islands,
+    "arches": arches,
+    "moon": moon,
+    "city": city,
+    "spires": spires,
+    "ring": ring,
 }
 
 

@@ -31,7 +31,7 @@ def test_terrain_is_the_field_of_the_contract():
 
 
 def test_the_built_ins_are_those_of_the_contract():
-    assert sorted(BUILTINS) == ["caves", "hills", "plane", "planet", "sphere", "terrain"]
+    assert list(BUILTINS)[:6] == ["terrain", "hills", "sphere", "plane", "caves", "planet"]
     assert RECIPE_DEFAULT in BUILTINS
 
 
