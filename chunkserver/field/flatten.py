@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from chunkserver.errors import BadRecipe
 from chunkserver.field import ops
@@ -45,38 +46,42 @@ def flatten(recipe: WorldRecipe, lod: int) -> Flat:
     """
     writer = Writer(recipe.seed, lod, WRITERS)
     root = writer.write(recipe.expression, Frame())
-    bounds = _bounds(writer, root)
-    if lod > 0:
-        root = visible(writer, bounds, root)
-    return Flat(allocate(writer.steps, root), keep_all(writer.steps, root)[0])
-
-
-def _bounds(writer: Writer, root: int) -> dict[int, tuple[float, float]]:
-    """Return the bounds over the world of each step that is a value. Raises `BadRecipe` if one is not finite."""
-    tape, order = keep_all(writer.steps, root)
-    failed, values = bounds(tape, _WORLD)
+    kept, order = keep_all(writer.steps, root)
+    failed, values = bounds(kept, _WORLD)
     if failed != ALL_FINITE:
         path = writer.paths[order[failed]] or "the root"
         raise BadRecipe(f"recipe: at {path}: its value, or its point, is not finite all over the world", path=path)
-    return {
-        place: (values[register, 0], values[register, 1])
-        for place, register in zip(order, tape.code[:, ops.OUT], strict=True)
-        if not writer.steps[place].is_coordinate
-    }
+    if lod > 0 and (shown := visible(writer, _by_place(writer, order, kept, values), root)) != root:
+        root = shown
+        kept, _ = keep_all(writer.steps, root)
+    return Flat(allocate(writer.steps, root), kept)
+
+
+def _by_place(
+    writer: Writer, order: list[int], kept: Tape, values: NDArray[np.float32]
+) -> dict[int, tuple[float, float]]:
+    """Return the bounds of each step that is a value."""
+    registers = zip(order, kept.code[:, ops.OUT].tolist(), strict=True)
+    ends = values.tolist()
+    return {place: tuple(ends[register]) for place, register in registers if not writer.steps[place].is_coordinate}
 
 
 def visible(writer: Writer, bounds: dict[int, tuple[float, float]], root: int) -> int:
     """Return the place of the density without operands of `max` that are rock, of `min` that are air, everywhere.
 
-    Only from the root through `max` and `min`: there an operand counts by its sign, and no sign changes.
+    Only from the root through `max` and `min`: there an operand counts by its sign, and no sign changes. Of the smooth
+    ones an operand is left out if it is rock or air by more than their radius.
     """
     step = writer.steps[root]
-    if step.op not in (ops.MAX, ops.MIN):
+    if step.op not in (ops.MAX, ops.MIN, ops.SMOOTH_MAX, ops.SMOOTH_MIN):
         return root
+    margin = step.numbers[0] if step.numbers else 0.0
     for kept, other in ((step.a, step.b), (step.b, step.a)):
         low, high = bounds[other]
-        if high < 0.0 if step.op == ops.MAX else low >= 0.0:
+        if high < -margin if step.op in (ops.MAX, ops.SMOOTH_MAX) else low >= margin:
             return visible(writer, bounds, kept)
+    if step.numbers:
+        return root
     a, b = visible(writer, bounds, step.a), visible(writer, bounds, step.b)
     return writer.put(step._replace(a=a, b=b), writer.paths[root])
 

@@ -153,14 +153,18 @@ def _assemble(
     result: int,
 ) -> Tape:
     """Return the arrays. What an instruction does not read is register 0 of its kind: it must exist, that is all."""
-    code = np.zeros((len(order), ops.COLUMNS), np.int32)
-    keys = np.zeros((len(order), 3), np.uint32)
-    numbers: list[float] = []
-    for at, place in enumerate(order):
+    rows, numbers = [], list[float]()
+    for place in order:
         step = steps[place]
         reads = (register.get(operand, 0) for operand in (step.a, step.b, step.c, step.x, step.y, step.z))
-        code[at] = step.op, register[place], *reads, len(numbers)
-        keys[at] = step.keys
+        rows.append((step.op, register[place], *reads, len(numbers)))
         numbers += step.numbers
-    padded = [*numbers, *[0.0] * ops.NUMBERS_LONGEST]
-    return Tape(code, np.array(padded), keys, columns, used[True], max(1, used[False]), result)
+    return Tape(
+        np.array(rows, np.int32),
+        np.array([*numbers, *[0.0] * ops.NUMBERS_LONGEST]),
+        np.array([steps[place].keys for place in order], np.uint32),
+        columns,
+        used[True],
+        max(1, used[False]),
+        result,
+    )

@@ -5,14 +5,17 @@ look at x and z. `salt` tells noises of one world apart: two of equal op and sal
 around the origin, so noises that are combined want different salts.
 """
 
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
 from chunkserver.recipe.node import FREQUENCY_MAX, Facts, Fraction, Frequency, Gain, Node, Octaves, Ratio, Salt
 
-_LATTICE = "1 / frequency; its mean is left"
-_OCTAVES = "1 / frequency of each octave; their means are left"
+FOLD_COST: Final = 0.5
+"""What ridged and billow sums cost beyond the noise, ns a sample and octave."""
+
+_LATTICE: Final = "1 / frequency; its mean is left"
+_OCTAVES: Final = "1 / frequency of each octave; their means are left"
 
 
 class Noise(Node):
@@ -20,12 +23,12 @@ class Noise(Node):
     there."""
 
     facts: ClassVar = {
-        "gradient2": Facts("gradient noise of (x, z)", "[-1, 1]", 6.5, _LATTICE),
-        "gradient3": Facts("gradient noise of (x, y, z)", "[-1, 1]", 12.0, _LATTICE),
-        "value2": Facts("value noise of (x, z)", "[-1, 1]", 5.5, _LATTICE),
-        "value3": Facts("value noise of (x, y, z)", "[-1, 1]", 9.5, _LATTICE),
-        "simplex2": Facts("simplex noise of (x, z)", "[-1, 1]", 6.5, _LATTICE),
-        "simplex3": Facts("simplex noise of (x, y, z)", "[-1, 1]", 8.5, _LATTICE),
+        "gradient2": Facts("gradient noise of (x, z)", "[-1, 1]", 6.0, _LATTICE),
+        "gradient3": Facts("gradient noise of (x, y, z)", "[-1, 1]", 8.0, _LATTICE),
+        "value2": Facts("value noise of (x, z)", "[-1, 1]", 4.0, _LATTICE),
+        "value3": Facts("value noise of (x, y, z)", "[-1, 1]", 6.0, _LATTICE),
+        "simplex2": Facts("simplex noise of (x, z)", "[-1, 1]", 7.0, _LATTICE),
+        "simplex3": Facts("simplex noise of (x, y, z)", "[-1, 1]", 8.0, _LATTICE),
     }
     op: Literal["gradient2", "gradient3", "value2", "value3", "simplex2", "simplex3"]
     frequency: Frequency
@@ -41,8 +44,8 @@ class Cellular(Node):
     """
 
     facts: ClassVar = {
-        "cellular2": Facts("F1, F2 - F1 or a value, of (x, z)", "[0, 1]; value: [-1, 1]", 40.0, _LATTICE),
-        "cellular3": Facts("F1, F2 - F1 or a value, of (x, y, z)", "[0, 1]; value: [-1, 1]", 140.0, _LATTICE),
+        "cellular2": Facts("F1, F2 - F1 or a value, of (x, z)", "[0, 1]; value: [-1, 1]", 8.0, _LATTICE),
+        "cellular3": Facts("F1, F2 - F1 or a value, of (x, y, z)", "[0, 1]; value: [-1, 1]", 24.0, _LATTICE),
     }
     op: Literal["cellular2", "cellular3"]
     frequency: Frequency
@@ -59,12 +62,12 @@ class Sum(Node):
     """
 
     facts: ClassVar = {
-        "fbm2": Facts("Σ gain^k n_k / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES),
-        "fbm3": Facts("Σ gain^k n_k / Σ gain^k, of (x, y, z)", "[-1, 1]", 12.0, _OCTAVES),
-        "ridged2": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, z)", "[-1, 1]", 7.0, _OCTAVES),
-        "ridged3": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, y, z)", "[-1, 1]", 12.5, _OCTAVES),
-        "billow2": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, z)", "[-1, 1]", 7.0, _OCTAVES),
-        "billow3": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, y, z)", "[-1, 1]", 12.5, _OCTAVES),
+        "fbm2": Facts("Σ gain^k n_k / Σ gain^k, of (x, z)", "[-1, 1]", 6.0, _OCTAVES),
+        "fbm3": Facts("Σ gain^k n_k / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.0, _OCTAVES),
+        "ridged2": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES),
+        "ridged3": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.5, _OCTAVES),
+        "billow2": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES),
+        "billow3": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.5, _OCTAVES),
     }
     op: Literal["fbm2", "fbm3", "ridged2", "ridged3", "billow2", "billow3"]
     frequency: Frequency
@@ -91,7 +94,8 @@ class Sum(Node):
 
     def cost(self) -> float:
         """Return the cost of all octaves, ns a sample."""
-        return self.facts[self.op].cost * self.octaves
+        fold = 0.0 if self.op.startswith("fbm") else FOLD_COST
+        return (Noise.facts[self.of_octave].cost + fold) * self.octaves
 
     @property
     def of_octave(self) -> str:

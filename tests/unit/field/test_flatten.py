@@ -151,6 +151,8 @@ DOMES = {"op": "repeat", "a": BALL, "period": [16, 0, 16]}
         ),
         ({"op": "clamp", "a": Y, "low": -3, "high": 8}, 1, Y),
         (binary("max", CAVE, -1), 2, CAVE),
+        ({"op": "smooth_max", "a": Y, "b": CAVE, "radius": 0.25}, 2, Y),
+        ({"op": "smooth_min", "a": AIR_ABOVE_CAVE, "b": Y, "radius": 0.25}, 2, Y),
     ],
 )
 def test_what_cannot_show_is_left_out(tree, lod, expected):
