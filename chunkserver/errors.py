@@ -6,6 +6,8 @@
     │   ├── BadRecipe         a recipe that does not exist, parse, or stay inside its limits
     │   └── BadParameter      any other value: a mask, a format, a size that is not built
     ├── WireError             bytes or a mesh that the wire format cannot hold
+    ├── StoreError            what is kept on disk cannot be read or written
+    │   └── StoreFull         there is no room for more, on the disk or by a limit
     └── Unavailable           nothing is wrong with the request; it may be sent again
         ├── WorkerLost        the request ended more than one worker process
         ├── Overloaded        the queue in front of the workers is full
@@ -50,6 +52,14 @@ class BadParameter(BadRequest):
 
 class WireError(ChunkError):
     """Bytes, or a mesh, that the wire format cannot hold."""
+
+
+class StoreError(ChunkError):
+    """What is kept on disk cannot be read or written, or is not ours. Nothing was changed."""
+
+
+class StoreFull(StoreError):
+    """There is no room for more, on the disk or by a limit. Nothing was changed."""
 
 
 class Unavailable(ChunkError):

@@ -33,8 +33,8 @@ import numba
 import platformdirs
 
 PACKAGE: Final = Path(__file__).parent
-NOT_IN_DIGEST: Final = ("__init__.py", "__main__.py", "errors.py", "worker.py", "server")
-"""What no byte of a chunk depends on: entry points, errors, the service around `build_chunk`."""
+NOT_IN_DIGEST: Final = ("__init__.py", "__main__.py", "catalogue.py", "errors.py", "worker.py", "server")
+"""What no byte of a chunk depends on: entry points, errors, where worlds are kept, the service around `build_chunk`."""
 
 NOT_COMPILED: Final = (*NOT_IN_DIGEST, "recipe")
 """What no kernel is made of, beyond that."""

@@ -13,7 +13,7 @@ LINES = (
     ("errors", "kernel"),
     ("grid",),
     ("recipe", "mesh", "samples"),
-    ("field", "edits", "mesher", "wire"),
+    ("field", "edits", "mesher", "wire", "catalogue"),
     ("pipeline",),
     ("worker",),
     ("server",),
@@ -28,6 +28,7 @@ ONLY_IN = {
     **dict.fromkeys(("asyncio", "fastapi", "starlette", "uvicorn", "httpx", "httpx2", "typer"), OUTSIDE),
     **dict.fromkeys(("pydantic", "pydantic_core"), ("recipe", "server")),
     **dict.fromkeys(("numba", "llvmlite"), ("kernel",)),
+    "apsw": ("catalogue",),
 }
 """A third party's module -> the only ones of ours that may import it."""
 
