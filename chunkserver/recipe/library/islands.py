@@ -10,7 +10,7 @@ ISLANDS_RELIEF: Final = 90.0
 SEA_FLOOR: Final = -10.0
 """Where the land ends, voxels: the water's surface would be at y = 0."""
 BEACH: Final = ((0.0, SEA_FLOOR), (0.06, -1.0), (0.13, 3.0), (0.22, 10.0))
-CLIFF: Final = ((0.04, SEA_FLOOR), (0.1, -4.0), (0.13, 16.0), (0.16, 22.0))
+CLIFF: Final = ((0.03, SEA_FLOOR), (0.09, -4.0), (0.14, 16.0), (0.18, 22.0))
 """Height over the land's noise, up to where the hills begin."""
 PEAK: Final = 0.6
 """Noise of the highest peaks: more is rare."""
