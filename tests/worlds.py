@@ -93,6 +93,15 @@ def smooth(rng: np.random.Generator, side: int) -> Densities:
 GRIDS = {"white noise": white_noise, "integers": integers, "extremes": extremes, "smooth": smooth}
 
 
+def wide(leaves: int, leaf: object) -> object:
+    """Return a recipe that is a balanced sum of so many leaves."""
+    trees = [leaf] * leaves
+    while len(trees) > 1:
+        pairs = zip(trees[::2], trees[1::2], strict=False)
+        trees = [{"op": "add", "a": a, "b": b} for a, b in pairs] + trees[len(trees) // 2 * 2 :]
+    return trees[0]
+
+
 def crowded() -> object:
     """Return a recipe within all limits that needs too many registers.
 

@@ -8,7 +8,7 @@ are in voxels, frequencies in lattice cells of the noise per voxel. Nothing in a
 import itertools
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, FailFast, Field, model_validator
 
 from chunkserver.recipe.node import (
     LENGTH_MIN,
@@ -139,7 +139,10 @@ class Remap(Node):
     op: Literal["remap"] = "remap"
     a: "Expression"
     points: Annotated[
-        tuple[tuple[Number, Number], ...], Field(min_length=2, max_length=KNOTS_MAX), AfterValidator(_rising)
+        tuple[tuple[Number, Number], ...],
+        FailFast(),
+        Field(min_length=2, max_length=KNOTS_MAX),
+        AfterValidator(_rising),
     ]
 
     def cost(self) -> float:

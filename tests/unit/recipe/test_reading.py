@@ -1,14 +1,21 @@
 """Reading a recipe: one spelling for each, limits before work, and errors that name the path and what was expected."""
 
 import json
-import time
-import tracemalloc
 
 import pytest
 
 from chunkserver.errors import BadRecipe
 from chunkserver.recipe import nodes
-from chunkserver.recipe.reading import DEPTH_MAX, NODES_MAX, SOURCE_BYTES_MAX, canonical_tree, parse, read_json
+from chunkserver.recipe.reading import (
+    COST_MAX,
+    DEPTH_MAX,
+    NODES_MAX,
+    SOURCE_BYTES_MAX,
+    canonical_tree,
+    parse,
+    read_json,
+)
+from tests.worlds import wide
 
 Y = {"op": "y"}
 
@@ -18,14 +25,6 @@ def chain(depth: int) -> object:
     for _ in range(depth):
         tree = {"op": "add", "a": tree, "b": Y}
     return tree
-
-
-def wide(leaves: int) -> object:
-    trees: list[object] = [Y] * leaves
-    while len(trees) > 1:
-        pairs = zip(trees[::2], trees[1::2], strict=False)
-        trees = [{"op": "add", "a": a, "b": b} for a, b in pairs] + trees[len(trees) // 2 * 2 :]
-    return trees[0]
 
 
 @pytest.mark.parametrize(
@@ -142,7 +141,7 @@ def test_an_error_does_not_quote_a_long_input():
 
 
 def test_the_deepest_and_the_largest_recipes_are_read_back():
-    for tree in (chain(DEPTH_MAX - 1), wide(NODES_MAX // 2)):
+    for tree in (chain(DEPTH_MAX - 1), wide(NODES_MAX // 2, Y)):
         source = canonical_tree(tree)
         assert canonical_tree(parse(source)) == source
 
@@ -151,7 +150,7 @@ def test_recipes_past_a_limit_are_refused():
     with pytest.raises(BadRecipe, match=f"deeper than {DEPTH_MAX}"):
         canonical_tree(chain(DEPTH_MAX))
     with pytest.raises(BadRecipe, match=f"larger than {NODES_MAX}"):
-        canonical_tree(wide(NODES_MAX // 2 + 1))
+        canonical_tree(wide(NODES_MAX // 2 + 1, Y))
     constants: object = Y
     for _ in range(DEPTH_MAX - 1):
         constants = {"op": "add", "a": constants, "b": 1}
@@ -160,27 +159,32 @@ def test_recipes_past_a_limit_are_refused():
     assert canonical_tree(constants)
 
 
-def cyclic() -> object:
-    tree: dict[str, object] = {"op": "add", "b": 1}
-    tree["a"] = tree
-    return tree
+CELLS = {"op": "cellular3", "frequency": 0.1}
 
 
 @pytest.mark.parametrize(
-    "bomb",
-    [chain(100_000), [[0] * 1000] * 1000, cyclic(), 10**100_000, {"op": "constant", "value": 10**5000}],
-    ids=["deep", "wide", "cyclic", "huge", "huge value"],
+    ("tree", "path"),
+    [
+        ({"op": "warp", "a": Y, "y": wide(200, {"op": "fbm3", "frequency": 2.0**-20, "octaves": 16})}, "y."),
+        (wide(300, CELLS), ""),
+        ({"op": "detail", "factor": 1, "a": wide(300, {"op": "ridged2", "frequency": 2.0**-20, "octaves": 16})}, "a."),
+    ],
 )
-def test_bombs_are_refused_at_once(bomb):
-    tracemalloc.start()
-    began = time.process_time()
-    with pytest.raises(BadRecipe):
-        canonical_tree(bomb)
-    seconds = time.process_time() - began
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert seconds < 0.05
-    assert peak < 10 << 20
+def test_a_recipe_that_costs_too_much_is_refused_by_the_node_that_passes_the_limit(tree, path):
+    with pytest.raises(BadRecipe, match=f"more than {COST_MAX:.0f} ns a sample") as caught:
+        canonical_tree(tree)
+    assert str(caught.value.values["path"]).startswith(path)
+    assert str(caught.value.values["path"]).split(".")[-1] in {"a", "b", "y"}
+    assert float(str(caught.value.values["cost"])) > COST_MAX
+
+
+def test_cost_is_the_sum_of_the_nodes():
+    """One node less is within the limit, one more is past it."""
+    each = parse(canonical_tree(CELLS)).cost() + parse(canonical_tree({"op": "add", "a": 0, "b": 0})).cost()
+    fits = int(COST_MAX / each)
+    assert canonical_tree(wide(fits - fits // 20, CELLS))
+    with pytest.raises(BadRecipe, match="ns a sample"):
+        canonical_tree(wide(fits + 2, CELLS))
 
 
 @pytest.mark.parametrize(
