@@ -1,6 +1,6 @@
 """Where tests get chunks from: worlds of recipes, and grids of made-up densities, cut into chunks."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import product
 
 import numpy as np
@@ -93,13 +93,13 @@ def smooth(rng: np.random.Generator, side: int) -> Densities:
 GRIDS = {"white noise": white_noise, "integers": integers, "extremes": extremes, "smooth": smooth}
 
 
-def wide(leaves: int, leaf: object) -> object:
-    """Return a recipe that is a balanced sum of so many leaves."""
-    trees = [leaf] * leaves
-    while len(trees) > 1:
-        pairs = zip(trees[::2], trees[1::2], strict=False)
-        trees = [{"op": "add", "a": a, "b": b} for a, b in pairs] + trees[len(trees) // 2 * 2 :]
-    return trees[0]
+def total(trees: Iterable[object]) -> object:
+    """Return the recipe that is the balanced sum of others."""
+    level = list(trees)
+    while len(level) > 1:
+        pairs = zip(level[::2], level[1::2], strict=False)
+        level = [{"op": "add", "a": a, "b": b} for a, b in pairs] + level[len(level) // 2 * 2 :]
+    return level[0]
 
 
 def crowded() -> object:
@@ -113,6 +113,4 @@ def crowded() -> object:
         for link in range(55):
             tree = {"op": "clamp", "a": tree, "low": -1 - chain - link / 64, "high": 1 + chain + link / 64}
         chains.append(tree)
-    while len(chains) > 1:
-        chains = [{"op": "add", "a": a, "b": b} for a, b in zip(chains[::2], chains[1::2], strict=True)]
-    return chains[0]
+    return total(chains)

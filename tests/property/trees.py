@@ -7,6 +7,7 @@ import hypothesis.strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from chunkserver.grid import ChunkKey
+from tests.worlds import total
 
 Tree = Any
 Trees = SearchStrategy[Tree]
@@ -119,7 +120,16 @@ INNER: dict[str, Callable[[Trees], Trees]] = {
     "warp": lambda below: node("warp", a=below, x=below, y=below, z=below) | node("warp", a=below, y=below),
     "detail": _one("detail", factor=st.floats(1 / 16, 16)),
 }
-trees = st.recursive(leaves, lambda below: st.one_of(*(make(below) for make in INNER.values())), max_leaves=8)
+
+
+def recipes(leaves_max: int) -> Trees:
+    return st.recursive(
+        leaves, lambda below: st.one_of(*(make(below) for make in INNER.values())), max_leaves=leaves_max
+    )
+
+
+trees = recipes(8)
+large_trees = st.lists(recipes(40), min_size=8, max_size=24).map(total)
 
 
 def trees_of(op: str) -> Trees:

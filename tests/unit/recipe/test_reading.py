@@ -15,7 +15,7 @@ from chunkserver.recipe.reading import (
     parse,
     read_json,
 )
-from tests.worlds import wide
+from tests.worlds import total
 
 Y = {"op": "y"}
 
@@ -141,7 +141,7 @@ def test_an_error_does_not_quote_a_long_input():
 
 
 def test_the_deepest_and_the_largest_recipes_are_read_back():
-    for tree in (chain(DEPTH_MAX - 1), wide(NODES_MAX // 2, Y)):
+    for tree in (chain(DEPTH_MAX - 1), total([Y] * (NODES_MAX // 2))):
         source = canonical_tree(tree)
         assert canonical_tree(parse(source)) == source
 
@@ -150,7 +150,7 @@ def test_recipes_past_a_limit_are_refused():
     with pytest.raises(BadRecipe, match=f"deeper than {DEPTH_MAX}"):
         canonical_tree(chain(DEPTH_MAX))
     with pytest.raises(BadRecipe, match=f"larger than {NODES_MAX}"):
-        canonical_tree(wide(NODES_MAX // 2 + 1, Y))
+        canonical_tree(total([Y] * (NODES_MAX // 2 + 1)))
     constants: object = Y
     for _ in range(DEPTH_MAX - 1):
         constants = {"op": "add", "a": constants, "b": 1}
@@ -165,9 +165,12 @@ CELLS = {"op": "cellular3", "frequency": 0.1}
 @pytest.mark.parametrize(
     ("tree", "path"),
     [
-        ({"op": "warp", "a": Y, "y": wide(200, {"op": "fbm3", "frequency": 2.0**-20, "octaves": 16})}, "y."),
-        (wide(300, CELLS), ""),
-        ({"op": "detail", "factor": 1, "a": wide(300, {"op": "ridged2", "frequency": 2.0**-20, "octaves": 16})}, "a."),
+        ({"op": "warp", "a": Y, "y": total([{"op": "fbm3", "frequency": 2.0**-20, "octaves": 16}] * 200)}, "y."),
+        (total([CELLS] * 300), ""),
+        (
+            {"op": "detail", "factor": 1, "a": total([{"op": "ridged2", "frequency": 2.0**-20, "octaves": 16}] * 300)},
+            "a.",
+        ),
     ],
 )
 def test_a_recipe_that_costs_too_much_is_refused_by_the_node_that_passes_the_limit(tree, path):
@@ -182,9 +185,9 @@ def test_cost_is_the_sum_of_the_nodes():
     """One node less is within the limit, one more is past it."""
     each = parse(canonical_tree(CELLS)).cost() + parse(canonical_tree({"op": "add", "a": 0, "b": 0})).cost()
     fits = int(COST_MAX / each)
-    assert canonical_tree(wide(fits - fits // 20, CELLS))
+    assert canonical_tree(total([CELLS] * (fits - fits // 20)))
     with pytest.raises(BadRecipe, match="ns a sample"):
-        canonical_tree(wide(fits + 2, CELLS))
+        canonical_tree(total([CELLS] * (fits + 2)))
 
 
 @pytest.mark.parametrize(
