@@ -71,7 +71,14 @@ class Writer:
         constant = step.operands and not step.is_coordinate
         if not constant or any(self.steps[place].op != ops.CONSTANT for place in step.operands):
             return step
-        return Step(ops.CONSTANT, numbers=(_value([*self.steps, step]),))
+        return Step(ops.CONSTANT, numbers=(self._value(step),))
+
+    def _value(self, step: Step) -> float:
+        """Return the value of a step whose operands are constants: of a tape with nothing else on it."""
+        operands = sorted(step.operands)
+        place = {NONE: NONE} | {operand: at for at, operand in enumerate(operands, INPUTS)}
+        alone = step._replace(a=place[step.a], b=place[step.b], c=place[step.c])
+        return _evaluated([*self.steps[:INPUTS], *(self.steps[operand] for operand in operands), alone])
 
     def constant(self, value: float, frame: Frame) -> int:
         """Return the place of a constant."""
@@ -90,8 +97,8 @@ class Writer:
         return weight(size * frame.scale, self.lod)
 
 
-def _value(steps: list[Step]) -> float:
-    """Return the value of the last step, which depends on constants only."""
+def _evaluated(steps: list[Step]) -> float:
+    """Return the value of the last step."""
     tape = allocate(steps, len(steps) - 1)
     places, values = np.zeros((tape.places, 1)), np.zeros((tape.values, 1), np.float32)
     density = np.empty((1, 1), np.float32)
