@@ -9,6 +9,7 @@ from pages.scenes import Camera, Extent
 
 PLANET_RADIUS: Final = 200.0
 WIDE: Final = (1280, 720)
+MIDDLE: Final = (960, 540)
 SMALL: Final = (640, 360)
 
 
@@ -86,6 +87,59 @@ _INSIDE: Final = Ground(
 )
 """What is "hidden" on a ball is the land on the inside of a ring."""
 
+_SHAPES: Final[dict[str, object]] = {
+    "op": "max",
+    "a": {
+        "op": "smooth_min",
+        "a": {
+            "op": "smooth_min",
+            "a": {"op": "y"},
+            "b": {"op": "sphere", "center": [0, 12, 0], "radius": 24},
+            "radius": 16,
+        },
+        "b": {"op": "torus", "center": [0, 14, 0], "radius": 48, "tube": 6},
+        "radius": 16,
+    },
+    "b": {"op": "multiply", "a": {"op": "capsule", "a": [0, 40, 0], "b": [0, 16, 0], "radius": 12}, "b": -1},
+}
+_TERRACES: Final[dict[str, object]] = {
+    "op": "heightfield",
+    "height": {
+        "op": "remap",
+        "points": [[-0.4, -20], [-0.12, -16], [-0.04, 0], [0.08, 3], [0.14, 16], [0.26, 19], [0.34, 38], [0.6, 44]],
+        "a": {
+            "op": "warp",
+            "a": {"op": "fbm2", "frequency": 0.006, "octaves": 5},
+            "x": {"op": "multiply", "a": {"op": "fbm2", "frequency": 0.01, "octaves": 3, "salt": 1}, "b": 30},
+            "z": {"op": "multiply", "a": {"op": "fbm2", "frequency": 0.01, "octaves": 3, "salt": 2}, "b": 30},
+        },
+    },
+}
+_TOWERS: Final[dict[str, object]] = {
+    "op": "min",
+    "a": {"op": "y"},
+    "b": {
+        "op": "repeat",
+        "period": [56, 0, 56],
+        "mean": 16,
+        "a": {
+            "op": "select",
+            "by": {"op": "random", "salt": 3},
+            "below": {
+                "op": "add",
+                "a": {"op": "sphere", "radius": 16},
+                "b": {"op": "multiply", "a": {"op": "random", "salt": 2}, "b": 3},
+            },
+            "above": {
+                "op": "warp",
+                "a": {"op": "box", "half_extents": [10, 40, 10], "rounding": 2},
+                "y": {"op": "add", "a": {"op": "multiply", "a": {"op": "random", "salt": 1}, "b": 20}, "b": 20},
+            },
+        },
+    },
+}
+"""The recipes of the guide, as they stand there (`tests/contract/test_recipe_guide.py`)."""
+
 VIEWS: Final = (
     _VALLEY,
     _VALLEY._replace(name="terrain-levels", look="levels", extent=Extent(far=2500, floor=-24, cell_pixels=12)),
@@ -126,7 +180,7 @@ VIEWS: Final = (
     View(
         "islands",
         "islands",
-        _camera((0, 110, -260), (200, 0, 200), WIDE),
+        _camera((0, 110, -260), (200, 0, 200), MIDDLE),
         Light(azimuth=150, elevation=32, haze=2500),
         _SEA,
         Extent(far=3500, floor=-30),
@@ -134,7 +188,7 @@ VIEWS: Final = (
     View(
         "canyon",
         "canyon",
-        _camera((215, 4, -30), (150, -20, -300), WIDE),
+        _camera((140, 40, 120), (235, -40, -110), MIDDLE),
         Light(azimuth=-20, elevation=32, haze=2500),
         _RED,
         Extent(far=2500, floor=-90),
@@ -142,15 +196,15 @@ VIEWS: Final = (
     View(
         "floating-islands",
         "floating-islands",
-        _camera((-20, 70, -330), (80, 10, 0), WIDE),
+        _camera((-20, 70, -330), (80, 10, 0), MIDDLE),
         Light(azimuth=-140, elevation=35, haze=1300),
         GRASS._replace(change=(-10000, -9000)),
-        Extent(far=2500, floor=-900),
+        Extent(far=1500, floor=-600, cell_pixels=3.5),
     ),
     View(
         "arches",
         "arches",
-        _camera((0, 50, -150), (100, 20, 100), WIDE),
+        _camera((0, 50, -150), (100, 20, 100), MIDDLE),
         Light(azimuth=-160, elevation=25, haze=1400),
         _SAND,
         Extent(far=2000, floor=-40),
@@ -158,15 +212,15 @@ VIEWS: Final = (
     View(
         "moon",
         "moon",
-        Camera((0, 400, 1020), (0, 0, 0), across=50),
-        Light(azimuth=20, elevation=18, space=True),
+        Camera((0, 420, 1120), (0, 0, 0), across=50, width=MIDDLE[0], height=MIDDLE[1]),
+        Light(azimuth=28, elevation=20, space=True),
         _DUST,
         Extent(far=1600, floor=-110, radius=400.0),
     ),
     View(
         "city",
         "city",
-        _camera((44, 150, -330), (110, 60, 0), WIDE),
+        _camera((44, 150, -330), (110, 60, 0), MIDDLE),
         Light(azimuth=170, elevation=32, haze=1200),
         _CONCRETE,
         Extent(far=2000, floor=-4),
@@ -174,7 +228,7 @@ VIEWS: Final = (
     View(
         "spires",
         "spires",
-        _camera((0, 90, -150), (100, 60, 100), WIDE),
+        _camera((0, 90, -150), (100, 60, 100), MIDDLE),
         Light(azimuth=-150, elevation=28, haze=900),
         GRASS._replace(slope=0.6),
         Extent(far=1800, floor=-50),
@@ -182,9 +236,33 @@ VIEWS: Final = (
     View(
         "ring",
         "ring",
-        Camera((0, 20, -575), (300, -30, -540), up=(0, 0, 1), across=75),
+        Camera((0, 20, -575), (300, -10, -470), up=(0, 0, 1), across=95, width=MIDDLE[0], height=MIDDLE[1]),
         Light(azimuth=70, elevation=50, haze=20000),
         _INSIDE,
         Extent(far=1600),
+    ),
+    View(
+        "guide-shapes",
+        _SHAPES,
+        _camera((70, 62, 100), (0, 8, 0), SMALL),
+        Light(azimuth=10, elevation=35, haze=2000),
+        _SAND,
+        Extent(far=900, floor=-4),
+    ),
+    View(
+        "guide-terraces",
+        _TERRACES,
+        _camera((0, 110, 0), (150, 20, 150), SMALL),
+        Light(azimuth=120, elevation=30, haze=1500),
+        GRASS,
+        Extent(far=1500, floor=-40),
+    ),
+    View(
+        "guide-city",
+        _TOWERS,
+        _camera((28, 90, -150), (80, 20, 60), SMALL),
+        Light(azimuth=160, elevation=35, haze=900),
+        _CONCRETE,
+        Extent(far=1000, floor=-4),
     ),
 )

@@ -30,13 +30,13 @@ STRAY: Final = 0.1
 SMALLER: Final = 0.55
 """In radii of a crater: the width of a cell of the lattice, how far from its middle a ball is at most, and by how much
 it is smaller at most."""
-PROFILE: Final = ((-1.0, 0.24), (-0.45, 0.2), (-0.08, -0.04), (0.0, -0.06), (0.08, -0.04), (0.35, 0.0))
+PROFILE: Final = ((-1.0, 0.24), (-0.45, 0.2), (-0.07, -0.05), (0.0, -0.08), (0.07, -0.055), (0.35, 0.0))
 """How deep the ground is at a distance from the rim, both in radii of the crater. Negative: the wall around it."""
 
 
 def moon(radius: LargeSize = MOON_RADIUS) -> Node:
     """A ball with craters of many sizes."""
-    world = sphere(radius=radius) - fbm3(frequency=5 / radius, octaves=4) * (0.025 * radius)
+    world = sphere(radius=radius) - fbm3(frequency=5 / radius, octaves=4) * (0.016 * radius)
     for number, craters in enumerate(CRATERS):
         world = world + rotate(_depth(craters.size * radius, number), quaternion=craters.turn)
     return world
