@@ -13,8 +13,9 @@ its last use:
                                                            8  SUBTRACT   r3 <- r2, r0
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,6 +29,9 @@ REGISTERS_MAX: Final = 512
 INPUTS: Final = 3
 """The first three steps are the point's x, y, z. They are given, not worked out."""
 NONE: Final = -1
+
+Reads = dict[int, set[int]]
+"""Place of a step -> places of all that it reads."""
 
 
 class Step(NamedTuple):
@@ -46,7 +50,9 @@ class Step(NamedTuple):
     @property
     def operands(self) -> set[int]:
         """Places of all that it reads."""
-        return {self.a, self.b, self.c, self.x, self.y, self.z} - {NONE}
+        places = {self.a, self.b, self.c, self.x, self.y, self.z}
+        places.discard(NONE)
+        return places
 
     @property
     def is_coordinate(self) -> bool:
@@ -75,21 +81,12 @@ class Tape:
     result: int
 
 
-def _reachable(steps: Sequence[Step], root: int) -> list[int]:
-    """Return the places of the steps that `root` needs, itself included, in order, without the inputs."""
-    needed = {root}
-    for place in range(root, INPUTS - 1, -1):
-        if place in needed:
-            needed |= steps[place].operands
-    return sorted(place for place in needed if place >= INPUTS)
-
-
 def allocate(steps: Sequence[Step], root: int) -> Tape:
     """Return the tape that works out `root`. Raises `BadRecipe` if it needs more than REGISTERS_MAX registers."""
-    needed = _reachable(steps, root)
-    on_y = _on_y(steps, needed)
-    order = sorted(needed, key=lambda place: place in on_y)
-    last_use = _last_uses(steps, order, on_y, root)
+    reads = _reachable(steps, root)
+    on_y = _on_y(reads)
+    order = sorted(reads, key=lambda place: place in on_y)
+    last_use = _last_uses(reads, order, on_y, root)
     register = {place: place for place in range(INPUTS)}
     free: dict[bool, list[int]] = {True: [], False: []}
     used = {True: INPUTS, False: 0}
@@ -99,8 +96,8 @@ def allocate(steps: Sequence[Step], root: int) -> Tape:
             free[kind].append(used[kind])
             used[kind] += 1
         register[place] = free[kind].pop()
-        for operand in steps[place].operands:
-            if operand >= INPUTS and last_use[operand] == at:
+        for operand in reads[place]:
+            if last_use[operand] == at and operand >= INPUTS:
                 free[steps[operand].is_coordinate].append(register[operand])
     if max(used.values()) > REGISTERS_MAX:
         count = max(used.values())
@@ -114,7 +111,7 @@ def keep_all(steps: Sequence[Step], root: int) -> tuple[Tape, list[int]]:
 
     It is for bounds, which want all values at once. `REGISTERS_MAX` does not apply.
     """
-    order = _reachable(steps, root)
+    order = list(_reachable(steps, root))
     register = {place: place for place in range(INPUTS)}
     used = {True: INPUTS, False: 0}
     for place in order:
@@ -124,22 +121,33 @@ def keep_all(steps: Sequence[Step], root: int) -> tuple[Tape, list[int]]:
     return _assemble(steps, order, register, 0, used, register[root]), order
 
 
-def _on_y(steps: Sequence[Step], needed: Iterable[int]) -> set[int]:
+def _reachable(steps: Sequence[Step], root: int) -> Reads:
+    """Return what each step that `root` needs reads: itself included, operands first, without the inputs."""
+    needed = {root}
+    reads = {}
+    for place in range(root, INPUTS - 1, -1):
+        if place in needed:
+            reads[place] = steps[place].operands
+            needed |= reads[place]
+    return dict(reversed(reads.items()))
+
+
+def _on_y(reads: Reads) -> set[int]:
     """Return the places whose value differs from one horizontal plane to the next."""
     on_y = {1}
-    for place in needed:
-        if steps[place].operands & on_y:
+    for place, operands in reads.items():
+        if not on_y.isdisjoint(operands):
             on_y.add(place)
     return on_y
 
 
-def _last_uses(steps: Sequence[Step], order: Sequence[int], on_y: set[int], root: int) -> dict[int, int]:
+def _last_uses(reads: Reads, order: Sequence[int], on_y: set[int], root: int) -> dict[int, int]:
     """Return where on the tape each step is read last. The root, and what planes read of columns, live to the end."""
     last_use = {place: at for at, place in enumerate(order)}
     for at, place in enumerate(order):
-        for operand in steps[place].operands:
-            crosses = place in on_y and operand not in on_y
-            last_use[operand] = len(order) if crosses else max(at, last_use.get(operand, at))
+        crosses = place in on_y
+        for operand in reads[place]:
+            last_use[operand] = len(order) if crosses and operand not in on_y else max(at, last_use.get(operand, at))
     last_use[root] = len(order)
     return last_use
 
@@ -153,16 +161,19 @@ def _assemble(
     result: int,
 ) -> Tape:
     """Return the arrays. What an instruction does not read is register 0 of its kind: it must exist, that is all."""
-    rows, numbers = [], list[float]()
-    for place in order:
-        step = steps[place]
-        reads = (register.get(operand, 0) for operand in (step.a, step.b, step.c, step.x, step.y, step.z))
-        rows.append((step.op, register[place], *reads, len(numbers)))
-        numbers += step.numbers
+    chosen = [steps[place] for place in order]
+    registers = np.zeros(len(steps) + 1, np.int32)  # the last one is that of NONE
+    registers[list(register)] = list(register.values())
+    numbers = list(chain.from_iterable(step.numbers for step in chosen))
+    code = np.empty((len(order), ops.COLUMNS), np.int32)
+    code[:, ops.CODE] = [step.op for step in chosen]
+    code[:, ops.OUT] = registers[order]
+    code[:, ops.A : ops.NUMBERS] = registers[[(step.a, step.b, step.c, step.x, step.y, step.z) for step in chosen]]
+    code[:, ops.NUMBERS] = list(accumulate((len(step.numbers) for step in chosen[:-1]), initial=0))
     return Tape(
-        np.array(rows, np.int32),
+        code,
         np.array([*numbers, *[0.0] * ops.NUMBERS_LONGEST]),
-        np.array([steps[place].keys for place in order], np.uint32),
+        np.array([step.keys for step in chosen], np.uint32),
         columns,
         used[True],
         max(1, used[False]),

@@ -56,22 +56,22 @@ class Writer:
 
     def put(self, step: Step, path: str) -> int:
         """Return the place of `step`, new or known; `path` says which node it comes from."""
-        if step not in self._places:
-            folded = self._folded(step)
-            if folded != step:
-                self._places[step] = self.put(folded, path)
+        place = self._places.get(step)
+        if place is None:
+            if self._is_constant(step):
+                place = self.put(Step(ops.CONSTANT, numbers=(self._value(step),)), path)
             else:
-                self._places[step] = len(self.steps)
+                place = len(self.steps)
                 self.steps.append(step)
                 self.paths.append(path)
-        return self._places[step]
+            self._places[step] = place
+        return place
 
-    def _folded(self, step: Step) -> Step:
-        """Return `step`, or the constant that it is."""
-        constant = step.operands and not step.is_coordinate
-        if not constant or any(self.steps[place].op != ops.CONSTANT for place in step.operands):
-            return step
-        return Step(ops.CONSTANT, numbers=(self._value(step),))
+    def _is_constant(self, step: Step) -> bool:
+        """Whether all that a value is made of is constants."""
+        if step.is_coordinate or step.op == ops.CONSTANT:
+            return False
+        return all(self.steps[place].op == ops.CONSTANT for place in step.operands)
 
     def _value(self, step: Step) -> float:
         """Return the value of a step whose operands are constants: of a tape with nothing else on it."""
