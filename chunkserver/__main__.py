@@ -1,11 +1,13 @@
 """The command line. Every option of `serve` can be given as an environment variable too."""
 
 import sys
-from typing import Annotated, Final
+from pathlib import Path
+from typing import Annotated, Final, NoReturn
 
 import typer
 
 from chunkserver import __version__
+from chunkserver.errors import StoreError
 from chunkserver.server import WORKERS_MAX, Settings, create_app, listen, serve
 from chunkserver.worker import warm
 
@@ -44,15 +46,32 @@ def serve_command(
         int,
         typer.Option(envvar="CHUNKSERVER_CACHE_BYTES", min=0, max=CACHE_BYTES_MAX, help="Memory for finished chunks."),
     ] = DEFAULTS.cache_bytes,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--data",
+            envvar="CHUNKSERVER_DATA",
+            metavar="DIR",
+            file_okay=False,
+            help="Where worlds are kept, for one server alone. Without it they are in memory and end with the server.",
+        ),
+    ] = DEFAULTS.folder,
 ) -> None:
     """Answer requests until SIGTERM or Ctrl-C; those in flight are answered first."""
-    settings = Settings(host, port, workers, cache_bytes)
     try:
         listening = listen(host, port)
     except OSError as error:
-        typer.echo(f"cannot serve on {host} port {port}: {error}", err=True)
-        raise typer.Exit(1) from None
-    serve(create_app(settings), listening)
+        _end(f"cannot serve on {host} port {port}: {error}")
+    try:
+        app = create_app(Settings(host, port, workers, cache_bytes, folder))
+    except StoreError as error:
+        _end(error.message)
+    serve(app, listening)
+
+
+def _end(why: str) -> NoReturn:
+    typer.echo(why, err=True)
+    raise typer.Exit(1)
 
 
 @app.command("warm")

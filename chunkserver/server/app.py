@@ -1,24 +1,33 @@
 """The application: every route, every error, and the workers' life, put together."""
 
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from operator import attrgetter
+from typing import Final
 
 from fastapi import FastAPI
 
 from chunkserver import __version__
-from chunkserver.server import chunks, health, landing, openapi, problems, recipes, seeds
+from chunkserver.catalogue import Catalogue
+from chunkserver.server import health, landing, openapi, problems, recipes, seeds, world_chunks, worlds
 from chunkserver.server.cache import ChunkCache
-from chunkserver.server.pool import Pool
+from chunkserver.server.pool import LIMITS_DEFAULT, Pool
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.service import Builder, Service
 from chunkserver.server.settings import Settings
+from chunkserver.server.store import WorldStore
 
 DESCRIPTION = "Marching-cubes terrain: a seed and a coordinate in, a mesh out. Positions are in voxels, y is up."
 
+_log: Final = logging.getLogger(__name__)
+
 
 def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
-    """Return the application. Its lifespan starts and closes `pool`, by default `settings.workers` processes."""
+    """Return the application. Its lifespan starts and closes `pool`, by default `settings.workers` processes.
+
+    It has `settings.folder` from now on, until its lifespan ends. Raises `StoreError` if that cannot be had.
+    """
     app = FastAPI(
         title="chunkserver",
         version=__version__,
@@ -29,8 +38,13 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
         generate_unique_id_function=attrgetter("name"),
         lifespan=_lifespan,
     )
-    app.state.service = Service(pool or Pool(settings.workers), ChunkCache(settings.cache_bytes), PostedRecipes())
-    for room in (landing, health, recipes, seeds, chunks):
+    app.state.service = Service(
+        pool or Pool(settings.workers),
+        ChunkCache(settings.cache_bytes),
+        PostedRecipes(),
+        WorldStore(Catalogue(settings.folder), LIMITS_DEFAULT.answer_seconds),
+    )
+    for room in (landing, health, recipes, worlds, world_chunks, seeds):
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)
@@ -40,8 +54,11 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
+    where = "on disk" if service.worlds.durable else "in memory, until the server ends; --data DIR keeps them"
+    _log.info("%d worlds, %s", len(service.worlds), where)
     await service.pool.start()
     try:
         yield
     finally:
         await service.pool.close()
+        await service.worlds.close()

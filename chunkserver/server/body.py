@@ -1,17 +1,20 @@
 """A JSON body, read from the stream: bounded in bytes and in time, so that nobody's body is ever held whole."""
 
 import asyncio
-from typing import Final
+from typing import Final, TypeVar
 
 from fastapi import Request
+from pydantic import BaseModel, ValidationError
 from starlette.requests import ClientDisconnect
 
-from chunkserver.errors import BadRequest
+from chunkserver.errors import BadParameter, BadRequest
 from chunkserver.server.problems import BodyTooLarge, BodyTooSlow, NotJson
 
 BODY_SECONDS_MAX: Final = 10.0
 """From the first look at the body to its end."""
 JSON_MEDIA_TYPE: Final = "application/json"
+
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 async def json_body(request: Request, bytes_max: int) -> bytes:
@@ -34,6 +37,19 @@ async def json_body(request: Request, bytes_max: int) -> bytes:
         raise BodyTooSlow(f"the body took longer than {BODY_SECONDS_MAX:g} s", seconds_max=BODY_SECONDS_MAX) from None
     except ClientDisconnect:
         raise BadRequest("the body ended before its end") from None
+
+
+def parsed(model: type[_Model], body: bytes) -> _Model:
+    """Return the JSON `body` as a `model`. Raises `BadParameter` that names the first field that is wrong."""
+    try:
+        return model.model_validate_json(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+    if not first["loc"]:
+        raise BadParameter(f"the body: {first['msg']}")
+    name = str(first["loc"][0])
+    what = "is not a field of the body" if first["type"] == "extra_forbidden" else first["msg"]
+    raise BadParameter(f"{name}: {what}", **({} if first["type"] == "missing" else {name: first["input"]}))
 
 
 async def _read(request: Request, bytes_max: int) -> bytes:

@@ -11,13 +11,15 @@ ETAG_BYTES: Final = 16
 _ENTITY_TAG: Final = re.compile(r'(?:W/)?"([^"]*)"')
 
 
-def etag(request: ChunkRequest) -> str:
+def etag(request: ChunkRequest, epoch: str = "") -> str:
     """Return the strong entity tag of the answer to `request`, without its quotes: hex, also the cache's key.
+
+    epoch: of the world, if it is a chunk of one. Revisions of another epoch count other edits.
 
     `repr` of the frozen request writes every field, those to come included; the generator adds the sources that shape
     a chunk. Same tag, same bytes.
     """
-    named = f"{generator(request.recipe)} {request!r}".encode()
+    named = f"{generator(request.recipe)} {request!r}{epoch and ' '}{epoch}".encode()
     return hashlib.blake2b(named, digest_size=ETAG_BYTES).hexdigest()
 
 

@@ -29,9 +29,9 @@ PROBLEM_SCHEMA: Final = {
 }
 
 
-def header(description: str, pattern: str = ".+") -> dict[str, Any]:
-    """Return the declaration of a response header that is always sent."""
-    return {"description": description, "required": True, "schema": {"type": "string", "pattern": pattern}}
+def header(description: str, pattern: str = ".+", required: bool = True) -> dict[str, Any]:
+    """Return the declaration of a response header. required: it is always sent."""
+    return {"description": description, "required": required, "schema": {"type": "string", "pattern": pattern}}
 
 
 def problem_responses(*errors: type[Exception] | int) -> Responses:

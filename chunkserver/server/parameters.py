@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final
 
 from fastapi import Depends, Header, Path, Request
 from fastapi.openapi.models import Example
@@ -10,8 +10,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, W
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
+from chunkserver.catalogue import ID_PATTERN
 from chunkserver.errors import BadParameter
-from chunkserver.grid import CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, ChunkKey
+from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, ChunkKey
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS
 from chunkserver.pipeline import SEAM_DEFAULT, SEAMS_BUILT, ChunkRequest, check_request
 from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe
@@ -21,9 +22,12 @@ from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding
 DECIMAL: Final = "0|-?[1-9][0-9]{0,18}"
 """The one way to write a 64-bit integer, so that a resource has one URL: no plus sign, leading zero or minus zero."""
 COARSER_BUILT: Final = (0,)
-GENERATOR_TOKEN: Final = "^[0-9a-f]{1,64}$"
+TOKEN: Final = "^[0-9a-f]{1,64}$"
+"""Of a generator, or of an epoch."""
 
-_COORDINATES: Final = LATTICE_MAX // CELLS_DEFAULT
+REVISION_MAX: Final = (1 << 63) - 1
+
+_COORDINATES: Final = LATTICE_MAX // min(CELLS_BUILT)
 
 
 def _integer(text: Any) -> int:
@@ -47,6 +51,14 @@ Seed = Annotated[
     WithJsonSchema({"type": "string", "pattern": f"^(?:{DECIMAL})$"}),
     Path(description="The world's seed: a signed 64-bit integer.", openapi_examples=_examples("42")),
 ]
+WorldId = Annotated[
+    str, Path(description="The world's id.", pattern=ID_PATTERN, openapi_examples=_examples("my-world"))
+]
+Revision = Annotated[
+    Decimal,
+    Field(ge=0, le=REVISION_MAX),
+    WithJsonSchema({"type": "integer", "minimum": 0, "maximum": REVISION_MAX}),
+]
 Lod = Annotated[
     Decimal,
     WithJsonSchema({"type": "integer", "minimum": 0, "maximum": LOD_MAX}),
@@ -56,7 +68,8 @@ Coordinate = Annotated[
     Decimal,
     WithJsonSchema({"type": "integer", "minimum": -_COORDINATES, "maximum": _COORDINATES - 1}),
     Path(
-        description="Chunk coordinate; the range is that of LOD 0, and halves with each LOD.",
+        description=f"Chunk coordinate. The range is that of LOD 0 and {min(CELLS_BUILT)} cells a side; it halves with "
+        "each LOD, and with each doubling of the cells.",
         openapi_examples=_examples(0),
     ),
 ]
@@ -74,23 +87,14 @@ RECIPE_NAMES: Final[dict[str, JsonValue]] = {"anyOf": [_one_of(BUILTINS), {"patt
 """The schema of a recipe's name in a URL."""
 
 
-class Place(NamedTuple):
-    """Which chunk of which seed."""
-
-    seed: int
-    key: ChunkKey
-
-
 class NoQuery(BaseModel):
     """Of a resource without parameters."""
 
     model_config = ConfigDict(extra="forbid")
 
 
-class SeedQuery(BaseModel):
+class SeedQuery(NoQuery):
     """Parameters of everything below a seed."""
-
-    model_config = ConfigDict(extra="forbid")
 
     recipe: str = Field(
         RECIPE_DEFAULT,
@@ -99,8 +103,8 @@ class SeedQuery(BaseModel):
     )
 
 
-class ChunkQuery(SeedQuery):
-    """Parameters of a chunk."""
+class ChunkQuery(NoQuery):
+    """Parameters of a chunk, of a seed or of a world."""
 
     mesher: str = Field(
         MESHER_DEFAULT,
@@ -117,10 +121,10 @@ class ChunkQuery(SeedQuery):
         description="How borders to coarser neighbours are closed.",
         json_schema_extra=_one_of(SEAMS_BUILT),
     )
-    g: Annotated[str, Field(pattern=GENERATOR_TOKEN)] | SkipJsonSchema[None] = Field(
+    g: Annotated[str, Field(pattern=TOKEN)] | SkipJsonSchema[None] = Field(
         None,
-        description="The generator token of the seed's descriptor: the answer may then be kept for ever. "
-        "Another one than the current is a 410.",
+        description="The generator token of the descriptor. Another one than the current is a 410. With it a seed's "
+        "chunk may be kept for ever; a world's, with `epoch` and `revision`.",
     )
 
 
@@ -148,6 +152,50 @@ class AnyQuery(GlbQuery, NativeQuery):
     """Parameters of a chunk whose format `Accept` chooses."""
 
 
+class SeedChunkQuery(ChunkQuery, SeedQuery):
+    """Parameters of a seed's chunk."""
+
+
+class SeedNativeQuery(NativeQuery, SeedChunkQuery):
+    """Parameters of a seed's chunk in the native format."""
+
+
+class SeedGlbQuery(GlbQuery, SeedChunkQuery):
+    """Parameters of a seed's chunk as GLB."""
+
+
+class SeedAnyQuery(AnyQuery, SeedChunkQuery):
+    """Parameters of a seed's chunk whose format `Accept` chooses."""
+
+
+class WorldChunkQuery(ChunkQuery):
+    """Parameters of a world's chunk."""
+
+    epoch: Annotated[str, Field(pattern=TOKEN)] | SkipJsonSchema[None] = Field(
+        None, description="The epoch of the world's descriptor. Another one than the current is a 410."
+    )
+    revision: Revision | SkipJsonSchema[None] = Field(
+        None,
+        description="A revision of the world that the client knows. With `g` and `epoch` the answer may be kept for "
+        "ever, unless the chunk was edited since. One that is yet to come is a 404.",
+    )
+    min_revision: Revision = Field(
+        0, description="Wait until the world has this revision. A 503 if it does not come in time."
+    )
+
+
+class WorldNativeQuery(NativeQuery, WorldChunkQuery):
+    """Parameters of a world's chunk in the native format."""
+
+
+class WorldGlbQuery(GlbQuery, WorldChunkQuery):
+    """Parameters of a world's chunk as GLB."""
+
+
+class WorldAnyQuery(AnyQuery, WorldChunkQuery):
+    """Parameters of a world's chunk whose format `Accept` chooses."""
+
+
 async def refuse_repeats(request: Request) -> None:
     """Raise `BadParameter` for a query parameter that is given more than once: one of the two would be ignored."""
     seen: set[str] = set()
@@ -157,29 +205,38 @@ async def refuse_repeats(request: Request) -> None:
         seen.add(name)
 
 
-def world(seed: int, recipe: str, posted: PostedRecipes) -> WorldRecipe:
+def pristine(seed: int, recipe: str, posted: PostedRecipes) -> WorldRecipe:
     """Return the pristine world of `seed` and the recipe named `recipe`. Raises `BadRecipe` or `UnknownRecipe`."""
     return WorldRecipe(seed, source_of(recipe, posted))
 
 
-async def _place(seed: Seed, lod: Lod, x: Coordinate, y: Coordinate, z: Coordinate) -> Place:
-    return Place(seed, ChunkKey(lod, x, y, z))
+async def _key(lod: Lod, x: Coordinate, y: Coordinate, z: Coordinate) -> ChunkKey:
+    return ChunkKey(lod, x, y, z)
 
 
-PlaceOfUrl = Annotated[Place, Depends(_place)]
+KeyOfUrl = Annotated[ChunkKey, Depends(_key)]
 
 
-def chunk_request(place: Place, query: ChunkQuery, encoding: Encoding, posted: PostedRecipes) -> ChunkRequest:
-    """Return what the URL asks for.
-
-    Raises `BadKey`, `BadRecipe` or `BadParameter` if it is not built, `UnknownRecipe` if the recipe is not kept.
-    """
+def chunk_request(
+    recipe: WorldRecipe,
+    key: ChunkKey,
+    query: ChunkQuery,
+    encoding: Encoding,
+    *,
+    cells: int = CELLS_DEFAULT,
+    voxel_size: float = 1.0,
+    revision: int = 0,
+) -> ChunkRequest:
+    """Return what the URL asks for. Raises `BadKey` or `BadParameter` if it is not built."""
     request = ChunkRequest(
-        world(place.seed, query.recipe, posted),
-        place.key,
+        recipe,
+        key,
+        cells=cells,
+        voxel_size=voxel_size,
         mesher=query.mesher,
         coarser=query.coarser,
         seam=query.seam,
+        revision=revision,
         encoding=encoding,
     )
     check_request(request)

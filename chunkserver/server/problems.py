@@ -5,6 +5,7 @@ import logging
 import math
 from collections.abc import Mapping
 from http import HTTPStatus
+from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from fastapi import FastAPI, Request, Response
@@ -20,6 +21,7 @@ from chunkserver.errors import (
     ChunkError,
     DeadlinePassed,
     Overloaded,
+    StoreFull,
     Unavailable,
     WorkerLost,
 )
@@ -65,6 +67,26 @@ class UnknownRecipe(ChunkError):
     """No built-in recipe has this name, and no recipe that is kept this digest."""
 
 
+class UnknownWorld(ChunkError):
+    """No world has this id."""
+
+
+class UnknownRevision(ChunkError):
+    """The world does not have this revision yet."""
+
+
+class WorldExists(ChunkError):
+    """Another world has this id."""
+
+
+class OtherGenerator(ChunkError):
+    """The world was created by another generator than this server's."""
+
+
+class OldEpoch(ChunkError):
+    """The client asks for a world that was deleted, or whose history was replaced."""
+
+
 class NotJson(ChunkError):
     """The body is of another media type than JSON."""
 
@@ -88,10 +110,16 @@ PROBLEMS: Final[dict[type[Exception] | int, Problem]] = {
     BadParameter: Problem(422, "bad-parameter", "A parameter is malformed, unknown or not built"),
     RequestValidationError: Problem(422, "bad-parameter", "A parameter is malformed, unknown or not built"),
     OldGenerator: Problem(410, "old-generator", "The server has another generator now"),
+    OldEpoch: Problem(410, "old-epoch", "Another world has this id now"),
+    UnknownWorld: Problem(404, "unknown-world", "There is no such world"),
+    UnknownRevision: Problem(404, "unknown-revision", "The world does not have this revision yet"),
+    WorldExists: Problem(409, "world-exists", "Another world has this id"),
+    OtherGenerator: Problem(409, "other-generator", "The world was created by another generator"),
     UnknownRecipe: Problem(404, "unknown-recipe", "This recipe is not known here"),
     BodyTooSlow: Problem(408, "body-too-slow", "The body did not arrive in time"),
     BodyTooLarge: Problem(413, "body-too-large", "The body is over its limit"),
     NotJson: Problem(415, "not-json", "The body is not JSON"),
+    StoreFull: Problem(507, "store-full", "There is no room for another world"),
     404: Problem(404, "not-found", "Nothing is here"),
     405: Problem(405, "method-not-allowed", "The resource does not have this method"),
     Unavailable: Problem(503, "unavailable", "The server is not ready", RETRY_SOON_SECONDS),
@@ -172,7 +200,8 @@ def _account(request: Request, error: Exception) -> tuple[str, Mapping[str, obje
 
 def _validation_account(faults: Any) -> tuple[str, Mapping[str, object]]:
     sentences, values = [], {}
-    for fault in faults[:VALUES_MAX]:
+    told = (fault for fault in faults if fault["type"] != "none_required")  # that it may be left out, they know
+    for fault in islice(told, VALUES_MAX):
         name = str(fault["loc"][1])[:VALUE_CHARS_MAX]  # behind "path" or "query"
         unknown = fault["type"] == "extra_forbidden"
         sentences.append(f"{name} {'is not a parameter of this resource' if unknown else fault['msg']}")

@@ -11,12 +11,12 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, Field, TypeAdapter
 
-from chunkserver.errors import BadParameter, BadRecipe, DeadlinePassed, Overloaded, Unavailable, WorkerLost
+from chunkserver.errors import BadParameter, BadRecipe
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, canonical
 from chunkserver.server.body import JSON_MEDIA_TYPE, json_body
-from chunkserver.server.chunks import IMMUTABLE, REVALIDATE
+from chunkserver.server.chunks import IMMUTABLE, REVALIDATE, TO_BUILD
 from chunkserver.server.etag import body_etag, etag, is_known
 from chunkserver.server.openapi import RESOURCE, Responses, header, problem_responses
 from chunkserver.server.parameters import RECIPE_NAMES, IfNoneMatch, NoQuery, refuse_repeats
@@ -93,15 +93,16 @@ _HEADERS: Final = {
 _NOT_MODIFIED: Final[Responses] = {304: {"description": "The client has these bytes.", "headers": _HEADERS}}
 _LOCATION: Final = {"Location": header("Where the recipe is.", "^/v1/recipes/[0-9a-f]+$")}
 
+WRITTEN: Final[list[dict[str, Any]]] = [
+    {"type": "object", "required": ["op"], "properties": {"op": {"type": "string"}}},
+    {"type": "object", "required": ["builtin"], "properties": {"builtin": {"enum": sorted(BUILTINS)}}},
+    {"enum": sorted(BUILTINS)},
+    {"type": "number"},
+]
+"""The schemas of what can be written for a recipe."""
+
 _BODY: Final = {
-    "schema": {
-        "anyOf": [
-            {"type": "object", "required": ["op"], "properties": {"op": {"type": "string"}}},
-            {"type": "object", "required": ["builtin"], "properties": {"builtin": {"enum": sorted(BUILTINS)}}},
-            {"enum": sorted(BUILTINS)},
-            {"type": "number"},
-        ]
-    },
+    "schema": {"anyOf": WRITTEN},
     "examples": {
         "an expression": {
             "value": {
@@ -168,10 +169,7 @@ async def get_recipe(
     responses={
         201: {"description": "It is kept from now on.", "model": Recipe, "headers": _LOCATION},
         200: {"description": "It was known already.", "model": Recipe, "headers": _LOCATION},
-        **problem_responses(
-            *(BadParameter, BadRecipe, BodyTooLarge, BodyTooSlow, NotJson),
-            *(Unavailable, DeadlinePassed, Overloaded, WorkerLost),
-        ),
+        **problem_responses(BadParameter, BadRecipe, BodyTooLarge, BodyTooSlow, NotJson, *TO_BUILD),
     },
     openapi_extra={"requestBody": {"required": True, "content": {JSON_MEDIA_TYPE: _BODY}}},
 )
@@ -183,11 +181,7 @@ async def post_recipe(request: Request, _query: Annotated[NoQuery, Query()], ser
     """
     source = await asyncio.to_thread(canonical, await json_body(request, BODY_BYTES_MAX))
     recipe = _recipe(source)
-    status = HTTPStatus.OK
-    if source_by_digest(recipe.digest, service.posted) is None:
-        await _build_first_chunk(service, source)
-        service.posted.add(source)
-        status = HTTPStatus.CREATED
+    status = HTTPStatus.CREATED if await accept(service, source) else HTTPStatus.OK
     headers = {"Location": f"/v1/recipes/{recipe.digest}"}
     return Response(recipe.model_dump_json(), status, headers, JSON_MEDIA_TYPE)
 
@@ -203,10 +197,17 @@ def _found(name: str, posted: PostedRecipes) -> str:
         raise UnknownRecipe(error.message, **error.values) from None
 
 
-async def _build_first_chunk(service: Service, source: str) -> None:
-    """Raise `BadRecipe` if the recipe cannot be built: some limits are known only where it is run."""
+async def accept(service: Service, source: str) -> bool:
+    """Keep the recipe whose canonical JSON is `source`, and return whether it was new.
+
+    Raises `BadRecipe` if its first chunk cannot be built: some limits are known only where it is run.
+    """
+    if source_by_digest(digest_of(source), service.posted) is not None:
+        return False
     wanted = ChunkRequest(WorldRecipe(0, source), FIRST_CHUNK)
     await service.cache.get_or_build(etag(wanted), partial(service.pool.build, wanted))
+    service.posted.add(source)
+    return True
 
 
 def _answer(value: BaseModel, cache_control: str, if_none_match: Iterable[str]) -> Response:

@@ -1,4 +1,4 @@
-"""What every route shares: the workers, the cache and the posted recipes, found on the application."""
+"""What every route shares: the workers, the cache, the posted recipes and the worlds, found on the application."""
 
 from dataclasses import dataclass
 from typing import Annotated, Protocol
@@ -8,6 +8,7 @@ from fastapi import Depends, Request
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.posted import PostedRecipes
+from chunkserver.server.store import WorldStore
 
 
 class Builder(Protocol):
@@ -29,11 +30,12 @@ class Builder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The workers, the chunks that they made, and the recipes that clients have posted."""
+    """The workers, the chunks that they made, the recipes that clients have posted, and the worlds."""
 
     pool: Builder
     cache: ChunkCache
     posted: PostedRecipes
+    worlds: WorldStore
 
 
 async def _service(request: Request) -> Service:

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 HOST_DEFAULT: Final = "127.0.0.1"
@@ -25,9 +26,11 @@ class Settings:
     host, port: where it listens; port 0 takes a free one.
     workers: processes that build chunks.
     cache_bytes: bound on the memory of finished chunks that are kept, bookkeeping included.
+    folder: where worlds are kept; None keeps them in memory, as long as the server runs.
     """
 
     host: str = HOST_DEFAULT
     port: int = PORT_DEFAULT
     workers: int = min(cores(), WORKERS_MAX)
     cache_bytes: int = CACHE_BYTES_DEFAULT
+    folder: Path | None = None

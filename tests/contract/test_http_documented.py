@@ -6,9 +6,12 @@ from pathlib import Path
 import pytest
 from fastapi.routing import iter_route_contexts
 
+from chunkserver.catalogue import LODS_DEFAULT, SOURCES_BYTES_MAX, WORLDS_MAX
+from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LOD_MAX
 from chunkserver.recipe import BUILTINS
 from chunkserver.server import Settings, create_app
 from chunkserver.server.problems import PROBLEMS, TYPE_PREFIX
+from chunkserver.server.worlds import BODY_BYTES_MAX, PAGE_DEFAULT, PAGE_MAX, NewWorld
 from chunkserver.wire import FORMATS
 
 PAGE = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
@@ -28,7 +31,7 @@ def operations(app):
 
 def test_every_route(app):
     paths = {route.path for route in iter_route_contexts(app.routes)}
-    assert len(paths) >= 7
+    assert len(paths) >= 12
     assert paths <= NAMED
     assert paths >= set(app.openapi()["paths"])
 
@@ -66,5 +69,16 @@ def test_every_format_and_recipe():
     assert set(BUILTINS) <= NAMED
 
 
-def test_every_member_of_the_descriptor(app):
-    assert set(app.openapi()["components"]["schemas"]["SeedDescriptor"]["properties"]) <= NAMED | {"generator"}
+@pytest.mark.parametrize("name", ["SeedDescriptor", "WorldDescriptor", "NewWorld", "Worlds", "ListedWorld", "Limits"])
+def test_every_member_of_a_body(app, name):
+    bodies = {"NewWorld": NewWorld.model_json_schema(), **app.openapi()["components"]["schemas"]}
+    assert set(bodies[name]["properties"]) <= NAMED
+
+
+def test_the_limits_of_worlds():
+    for limit in (WORLDS_MAX, BODY_BYTES_MAX):
+        assert f"{limit:,}" in PAGE
+    assert f"{SOURCES_BYTES_MAX >> 20} MiB together" in PAGE
+    assert f"1 to {PAGE_MAX}, `{PAGE_DEFAULT}` when left out" in PAGE
+    assert f"| `lods` | 1 to {LOD_MAX + 1} | {LODS_DEFAULT} |" in PAGE
+    assert f"| `chunk_cells` | {CELLS_BUILT[0]}, {CELLS_BUILT[1]} or {CELLS_BUILT[2]} | {CELLS_DEFAULT} |" in PAGE

@@ -90,13 +90,15 @@ def run_into_a_fault(log):
     assert "fault" not in answer.text
 
 
-def test_one_line_says_where_it_listens(tmp_path):
+def test_the_log_says_where_it_listens_and_where_worlds_are(tmp_path):
     with serving(tmp_path / "log", str(tmp_path / "never"), program=WAITING) as server:
-        lines = server.log.read_text().splitlines()
-        assert len(lines) == 1
-        assert server.url in lines[0]
-        assert __version__ in lines[0]
-        assert "compiled" in lines[0]
+        first, second, *others = server.log.read_text().splitlines()
+        assert not others
+        assert server.url in first
+        assert __version__ in first
+        assert "compiled" in first
+        assert "in memory" in second
+        assert "--data" in second
 
 
 def test_a_port_that_is_taken():

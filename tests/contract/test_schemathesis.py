@@ -55,8 +55,8 @@ def test_no_undeclared_answer(server, tmp_path):
 
 
 def with_what_no_fuzzer_can_guess(url):
-    """The server's own document, but with names of recipes and generator tokens, and without a parameter that excludes
-    another one.
+    """The server's own document, but with names of recipes and worlds, generator tokens and epochs, without a parameter
+    that excludes another one, and without the one that waits for an edit.
 
     Else every request would be wrong in two ways, and nothing could be seen of the one that was meant.
     """
@@ -64,13 +64,20 @@ def with_what_no_fuzzer_can_guess(url):
     posted = httpx2.post(f"{url}/v1/recipes", json={"builtin": "planet", "radius": 100}).json()["digest"]
     recipes = [*sorted(BUILTINS), posted, posted[::-1]]
     tokens = [httpx2.get(f"{url}/v1/seeds/0?recipe={name}").json()["generator"] for name in recipes[:-1]]
+    worlds = [{"id": name, "seed": 0, "recipe": "terrain"} for name in ("kept", "deleted")]
+    kept, _ = (httpx2.post(f"{url}/v1/worlds", json=world).json() for world in worlds)
     for path, operations in document["paths"].items():
-        for operation in operations.values():
+        for method, operation in operations.items():
             parameters = {parameter["name"]: parameter for parameter in operation.get("parameters", [])}
             if "recipe" in parameters:
                 parameters["recipe"]["schema"] = {"enum": recipes}
             if "g" in parameters:
                 parameters["g"]["schema"] = {"enum": tokens}
+            if "world" in parameters:
+                parameters["world"]["schema"] = {"enum": ["deleted" if method == "delete" else kept["id"], "nobody"]}
+            if "epoch" in parameters:
+                parameters["epoch"]["schema"] = {"enum": [kept["epoch"]]}
+            parameters.pop("min_revision", None)
             if path.endswith("{z}"):
                 del parameters["frame"]
             operation["parameters"] = list(parameters.values())

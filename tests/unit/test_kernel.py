@@ -103,7 +103,7 @@ def test_a_change_of_any_file_shows_but_in_the_service(tmp_path):
             unseen.add(path.relative_to(copy).as_posix())
         path.write_bytes(source)
     service = {f"server/{path.name}" for path in (copy / "server").glob("*.py")}
-    assert unseen == {"__init__.py", "__main__.py", "errors.py", "worker.py", *service}
+    assert unseen == {"__init__.py", "__main__.py", "catalogue.py", "errors.py", "worker.py", *service}
 
 
 def test_the_cache_folder_is_the_one_chosen_or_the_users(monkeypatch, tmp_path):

@@ -1,15 +1,17 @@
 import re
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from chunkserver import __main__ as command_line
 from chunkserver import __version__
+from chunkserver.errors import StoreError
 from chunkserver.server import Settings
 from chunkserver.worker import Warmth
 
-OPTIONS = {"host": "::1", "port": "8001", "workers": "3", "cache-bytes": "12345"}
-CHOSEN = Settings("::1", 8001, 3, 12345)
+OPTIONS = {"host": "::1", "port": "8001", "workers": "3", "cache-bytes": "12345", "data": "some/folder"}
+CHOSEN = Settings("::1", 8001, 3, 12345, Path("some/folder"))
 
 
 @pytest.fixture
@@ -71,6 +73,25 @@ def test_an_address_that_cannot_be_had(monkeypatch):
     ended = run("serve", "--port", "8001")
     assert ended.exit_code == 1
     assert ended.stderr == f"cannot serve on {Settings().host} port 8001: it is taken\n"
+
+
+@pytest.mark.usefixtures("served")
+def test_worlds_that_cannot_be_had(monkeypatch):
+    def create_app(_settings):
+        raise StoreError("some/folder is in use", folder="some/folder")
+
+    monkeypatch.setattr(command_line, "create_app", create_app)
+    ended = run("serve", "--data", "some/folder")
+    assert ended.exit_code == 1
+    assert ended.stderr == "some/folder is in use\n"
+
+
+def test_a_file_is_no_folder(served, tmp_path):
+    (tmp_path / "file").touch()
+    ended = run("serve", "--data", str(tmp_path / "file"))
+    assert ended.exit_code == 2
+    assert "--data" in ended.stderr
+    assert not served
 
 
 @pytest.mark.usefixtures("served")

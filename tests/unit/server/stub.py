@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from fastapi.testclient import TestClient
 
@@ -35,8 +36,8 @@ class StubPool:
 
 
 @contextmanager
-def client_of(pool: StubPool) -> Iterator[TestClient]:
-    """A client of the application over `pool`, its lifespan included."""
-    app = create_app(Settings(workers=1), pool)
+def client_of(pool: StubPool, folder: Path | None = None) -> Iterator[TestClient]:
+    """A client of the application over `pool`, its lifespan included; with its worlds in `folder`."""
+    app = create_app(Settings(workers=1, folder=folder), pool)
     with TestClient(app, raise_server_exceptions=False, follow_redirects=False) as client:
         yield client

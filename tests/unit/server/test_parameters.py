@@ -3,7 +3,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from chunkserver.errors import BadParameter, BadRecipe
 from chunkserver.recipe import WorldRecipe, builtin
-from chunkserver.server.parameters import AnyQuery, Decimal, encoding_of, world
+from chunkserver.server.parameters import AnyQuery, Decimal, encoding_of, pristine
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.wire import Encoding
 
@@ -64,8 +64,8 @@ def test_what_does_not_apply_is_refused_even_if_it_is_the_default(format_name, q
 
 def test_worlds():
     posted = PostedRecipes()
-    assert world(7, "hills", posted) == WorldRecipe(7, builtin("hills")) != world(7, "terrain", posted)
+    assert pristine(7, "hills", posted) == WorldRecipe(7, builtin("hills")) != pristine(7, "terrain", posted)
     with pytest.raises(BadRecipe):
-        world(7, "nonsense", posted)
+        pristine(7, "nonsense", posted)
     with pytest.raises(BadRecipe):
-        world(2**63, "hills", posted)
+        pristine(2**63, "hills", posted)

@@ -14,15 +14,23 @@ from chunkserver.server.problems import (
     BodyTooLarge,
     BodyTooSlow,
     NotJson,
+    OldEpoch,
     OldGenerator,
+    OtherGenerator,
     Problem,
     UnknownRecipe,
+    UnknownRevision,
+    UnknownWorld,
+    WorldExists,
     install,
 )
 from chunkserver.server.workers import BuildFault
 
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.ChunkError)]
-OF_HTTP = (OldGenerator, UnknownRecipe, BodyTooSlow, BodyTooLarge, NotJson)
+OF_HTTP = (
+    *(OldGenerator, OldEpoch, OtherGenerator, UnknownRecipe, UnknownRevision, UnknownWorld, WorldExists),
+    *(BodyTooSlow, BodyTooLarge, NotJson),
+)
 SECRET = "the path of a file"
 
 
@@ -66,6 +74,13 @@ def test_every_error_of_ours_is_a_problem_with_its_values(kind):
         (errors.DeadlinePassed, 503),
         (errors.Unavailable, 503),
         (OldGenerator, 410),
+        (OldEpoch, 410),
+        (OtherGenerator, 409),
+        (WorldExists, 409),
+        (errors.StoreError, 500),
+        (errors.StoreFull, 507),
+        (UnknownWorld, 404),
+        (UnknownRevision, 404),
         (UnknownRecipe, 404),
         (BodyTooSlow, 408),
         (BodyTooLarge, 413),

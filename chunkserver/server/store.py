@@ -1,0 +1,90 @@
+"""The catalogue on the event loop: reads at once, writes in a thread of their own, and waits for a revision."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from chunkserver.catalogue import Catalogue, World
+from chunkserver.errors import DeadlinePassed
+from chunkserver.pipeline import generator
+from chunkserver.server.problems import OtherGenerator, UnknownWorld
+
+_Written = TypeVar("_Written")
+
+
+class WorldStore:
+    """The worlds of one server. Belongs to the event loop; closes the catalogue that it is given.
+
+    durable: whether they outlive the server.
+    answer_seconds: how long `at_revision` waits at most.
+    """
+
+    def __init__(self, catalogue: Catalogue, answer_seconds: float) -> None:
+        self.durable = catalogue.folder is not None
+        self.answer_seconds = answer_seconds
+        self._catalogue = catalogue
+        self._writer = ThreadPoolExecutor(1, "catalogue")
+        self._changed = asyncio.Condition()
+
+    def __len__(self) -> int:
+        return len(self._catalogue)
+
+    def find(self, name: str) -> World:
+        """Return the world whose id is `name`.
+
+        Raises `UnknownWorld`, or `OtherGenerator` if this server would make other terrain of it.
+        """
+        world = self._catalogue.find(name)
+        if world is None:
+            raise UnknownWorld(f"there is no world {name!r}", world=name)
+        check_generator_of(world)
+        return world
+
+    def page(self, after: str, limit: int) -> list[World]:
+        """Return the first `limit` worlds whose id sorts behind `after`, by id, whatever generator made them."""
+        return self._catalogue.page(after, limit)
+
+    async def at_revision(self, name: str, revision: int) -> World:
+        """Return the world whose id is `name` when it has `revision`. Raises what `find` does, and `DeadlinePassed`."""
+        world = self.find(name)
+        if world.revision >= revision:
+            return world
+        try:
+            async with asyncio.timeout(self.answer_seconds), self._changed:
+                await self._changed.wait_for(lambda: self.find(name).revision >= revision)
+        except TimeoutError:
+            message = f"world {name!r} did not get to revision {revision} within {self.answer_seconds:g} s"
+            raise DeadlinePassed(message, min_revision=str(revision), answer_seconds=self.answer_seconds) from None
+        return self.find(name)
+
+    async def create(self, world: World) -> World:
+        """Return the world that has this id: `world`, or one that had it before. Raises `StoreError`."""
+        return await self._write(lambda: self._catalogue.create(world))
+
+    async def delete(self, name: str) -> None:
+        """Delete the world whose id is `name`. Raises `UnknownWorld` or `StoreError`."""
+        if await self._write(lambda: self._catalogue.delete(name)) is None:
+            raise UnknownWorld(f"there is no world {name!r}", world=name)
+
+    async def close(self) -> None:
+        """Finish what is being written, and give the folder back."""
+        await asyncio.to_thread(self._writer.shutdown)
+        self._catalogue.close()
+
+    async def _write(self, change: Callable[[], _Written]) -> _Written:
+        written = await asyncio.get_running_loop().run_in_executor(self._writer, change)
+        async with self._changed:
+            self._changed.notify_all()
+        return written
+
+
+def check_generator_of(world: World) -> None:
+    """Raise `OtherGenerator` if this server would make other terrain of `world` than the one that created it."""
+    current = generator(world.recipe)
+    if world.generator != current:
+        message = (
+            f"world {world.id!r} was created by generator {world.generator}, and this server has {current}, which "
+            "would make other terrain; `chunkserver migrate` moves the world to it"
+        )
+        raise OtherGenerator(message, world=world.id, created_by=world.generator, generator=current)

@@ -1,0 +1,145 @@
+"""The chunks of a world: what its revisions, its epoch and its generator have to say about an answer."""
+
+from collections.abc import Iterable
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+
+from chunkserver.catalogue import World
+from chunkserver.grid import ChunkKey, check_key
+from chunkserver.pipeline import ChunkRequest
+from chunkserver.server.chunks import (
+    GLB,
+    IMMUTABLE,
+    NATIVE,
+    REVALIDATE,
+    answer,
+    check_generator,
+    chunk_responses,
+    format_of,
+)
+from chunkserver.server.etag import etag
+from chunkserver.server.openapi import RESOURCE, Responses, header
+from chunkserver.server.parameters import (
+    IfNoneMatch,
+    KeyOfUrl,
+    WorldAnyQuery,
+    WorldChunkQuery,
+    WorldGlbQuery,
+    WorldId,
+    WorldNativeQuery,
+    chunk_request,
+    encoding_of,
+    refuse_repeats,
+)
+from chunkserver.server.problems import OldEpoch, OtherGenerator, UnknownRevision, UnknownWorld
+from chunkserver.server.service import Service, ServiceOfApp
+from chunkserver.server.worlds import REVISION_PATTERN, WORLD
+from chunkserver.wire import FORMATS, Encoding
+
+CHUNK: Final = f"{WORLD}/chunks/{{lod}}/{{x}}/{{y}}/{{z}}"
+NO_STORE: Final = "no-store"
+
+
+def _responses(*format_names: str) -> Responses:
+    return chunk_responses(
+        *format_names,
+        cache_control=f"`{REVALIDATE}`; with `revision`, `g` and `epoch`: `{IMMUTABLE}`, or `{NO_STORE}` if the chunk "
+        "was edited since.",
+        problems=(UnknownWorld, OtherGenerator, OldEpoch, UnknownRevision),
+        more_headers={
+            "Chunk-Revision": header("The last edit of the chunk; 0 if there was none.", REVISION_PATTERN),
+            "World-Revision": header("Of the world. Not on an immutable answer.", REVISION_PATTERN, required=False),
+        },
+    )
+
+
+router: Final = APIRouter(
+    dependencies=[Depends(refuse_repeats)], default_response_class=Response, tags=["chunks of a world"]
+)
+
+
+@router.api_route(f"{CHUNK}.mesh", methods=RESOURCE, summary="A chunk of a world, native", responses=_responses(NATIVE))
+async def native_world_chunk(
+    world: WorldId,
+    key: KeyOfUrl,
+    query: Annotated[WorldNativeQuery, Query()],
+    service: ServiceOfApp,
+    if_none_match: IfNoneMatch = (),
+) -> Response:
+    """One chunk in the native format, as it is by now. An empty chunk is a 204."""
+    return await _answer(service, world, key, query, Encoding(NATIVE, profile=query.profile), if_none_match)
+
+
+@router.api_route(f"{CHUNK}.glb", methods=RESOURCE, summary="A chunk of a world as GLB", responses=_responses(GLB))
+async def glb_world_chunk(
+    world: WorldId,
+    key: KeyOfUrl,
+    query: Annotated[WorldGlbQuery, Query()],
+    service: ServiceOfApp,
+    if_none_match: IfNoneMatch = (),
+) -> Response:
+    """One chunk as binary glTF, as it is by now. An empty chunk is a valid file without a mesh."""
+    return await _answer(service, world, key, query, Encoding(GLB, frame=query.frame), if_none_match)
+
+
+@router.api_route(
+    CHUNK, methods=RESOURCE, summary="A chunk of a world, as `Accept` likes", responses=_responses(*FORMATS)
+)
+async def any_world_chunk(
+    request: Request,
+    world: WorldId,
+    key: KeyOfUrl,
+    query: Annotated[WorldAnyQuery, Query()],
+    service: ServiceOfApp,
+    if_none_match: IfNoneMatch = (),
+) -> Response:
+    """One chunk in the format that `Accept` chooses; the native one if it names none that is served."""
+    return await _answer(service, world, key, query, encoding_of(format_of(request), query), if_none_match)
+
+
+def revision_headers(world: World, chunk_revision: int, query: WorldChunkQuery) -> dict[str, str]:
+    """Return what headers say of an answer's age: of the chunk, of the world, and how long it may be kept.
+
+    Only a client that names the generator, the epoch and a revision has a URL that stands for these bytes for ever.
+
+    Raises `UnknownRevision` if the world does not have the revision that the client names.
+    """
+    named = query.revision
+    if named is not None and named > world.revision:
+        message = f"world {world.id!r} is at revision {world.revision}; {named} is yet to come"
+        raise UnknownRevision(message, revision=str(named), world_revision=str(world.revision))
+    headers = {"Chunk-Revision": str(chunk_revision), "World-Revision": str(world.revision)}
+    if named is None or query.g is None or query.epoch is None:
+        return headers | {"Cache-Control": REVALIDATE}
+    if chunk_revision > named:
+        return headers | {"Cache-Control": NO_STORE}
+    del headers["World-Revision"]  # it goes on, the answer does not
+    return headers | {"Cache-Control": IMMUTABLE}
+
+
+async def _answer(
+    service: Service,
+    name: str,
+    key: ChunkKey,
+    query: WorldChunkQuery,
+    encoding: Encoding,
+    if_none_match: Iterable[str],
+) -> Response:
+    world = service.worlds.find(name)
+    wanted = _wanted(world, key, query, encoding)  # what is refused anyway is refused at once
+    now = await service.worlds.at_revision(name, query.min_revision)
+    if now is not world:
+        wanted = _wanted(now, key, query, encoding)
+    headers = revision_headers(now, wanted.revision, query)
+    return await answer(service, wanted, etag(wanted, now.epoch), headers, if_none_match)
+
+
+def _wanted(world: World, key: ChunkKey, query: WorldChunkQuery, encoding: Encoding) -> ChunkRequest:
+    """Return what a URL asks for. Raises `OldEpoch`, `OldGenerator`, `BadKey` or `BadParameter`."""
+    if query.epoch not in (None, world.epoch):
+        message = f"epoch is {query.epoch}; world {world.id!r} has {world.epoch} now"
+        raise OldEpoch(message, epoch=query.epoch, current=world.epoch)
+    check_generator(query.g, world.generator)
+    check_key(key, world.chunk_cells, world.lods)
+    return chunk_request(world.recipe, key, query, encoding, cells=world.chunk_cells, voxel_size=world.voxel_size)
