@@ -2,7 +2,8 @@
 
 from typing import Final
 
-from chunkserver.recipe.builder import fbm2, minimum, remap, ridged2, smooth_max, warp, y
+from chunkserver.recipe.builder import fbm2, remap, repeat, ridged2, smooth_max, smooth_min, warp, y
+from chunkserver.recipe.library.fading import at_once
 from chunkserver.recipe.library.parameters import Size
 from chunkserver.recipe.node import Node
 
@@ -13,12 +14,14 @@ RIVER_RISE: Final = 2.6
 BED: Final = -76.0
 BENCHES: Final = ((-58.0, 0.25), (-34.0, 0.55), (-8.0, 1.05), (34.0, 2.7), (62.0, 3.2))
 """Height of each bench, voxels, and where it begins, in canyon widths from the middle of the river."""
-LEAN: Final = 0.2
-"""How far walls stand back for each voxel that they rise."""
+ROUND: Final = 8.0
+"""Voxels over which the edges of benches and the feet of walls are rounded. Sharp ones leave crumbs and hollows
+where layers stand out."""
+LEAN: Final = ((BED, -24.0), (BED + 24, -10.0), (64.0, 12.0))
+"""How far walls stand back at a height, voxels: at their foot there is a slope of rubble."""
 LAYER: Final = 6.0
-LAYERS: Final = 16
-SOFT: Final = (0.0, 1.8, 0.3, 2.6)
-"""Height of a layer of rock and number of layers; how far each stands back, again and again: harder ones stand out."""
+SOFT: Final = (0.0, 1.6, 0.3, 2.2)
+"""Height of a layer of rock, voxels, and how far each stands back, again and again: harder ones stand out."""
 
 
 def canyon(width: Size = CANYON_WIDTH) -> Node:
@@ -26,15 +29,18 @@ def canyon(width: Size = CANYON_WIDTH) -> Node:
     bend = [fbm2(frequency=0.004, octaves=2, salt=salt) * 70 for salt in (1, 2)]
     river = (1 - warp(ridged2(frequency=RIVER_FREQUENCY, octaves=1), x=bend[0], z=bend[1])) * 0.5
     rough = fbm2(frequency=0.015, octaves=4, salt=3)
-    beside = river * (1 / (RIVER_RISE * RIVER_FREQUENCY)) + rough * 24 - _layers() - y * LEAN
+    beside = river * (1 / (RIVER_RISE * RIVER_FREQUENCY)) + rough * 24 - _layers() - remap(y, points=LEAN)
     world = y - BED - rough * 5
     for top, begins in BENCHES:
-        world = minimum(world, smooth_max(y - top - rough * 5, begins * width - beside, radius=5.0))
+        bench = smooth_max(y - top - rough * 5, begins * width - beside, radius=ROUND)
+        world = smooth_min(world, bench, radius=ROUND)
     return world
 
 
 def _layers() -> Node:
-    """Return how far the rock of a height stands back, voxels."""
-    feet = [(BED + LAYER * number, SOFT[number % len(SOFT)]) for number in range(LAYERS)]
-    points = [(foot + rise, back) for foot, back in feet for rise in (0.0, 0.75 * LAYER)]
-    return remap(y + fbm2(frequency=0.006, octaves=2, salt=4) * 12, points=tuple(points))
+    """Return how far the rock of a height stands back, voxels. Coarse levels have no layers: those would be crumbs."""
+    period = LAYER * len(SOFT)
+    feet = [(LAYER * number - period / 2, back) for number, back in enumerate(SOFT)]
+    points = [(foot + rise, back) for foot, back in feet for rise in (0.0, 0.75 * LAYER)] + [(period / 2, SOFT[0])]
+    layers = repeat(remap(y, points=tuple(points)), period=(0.0, period, 0.0), mean=sum(SOFT) / len(SOFT))
+    return warp(at_once(layers, period, share=1 / 3), y=fbm2(frequency=0.006, octaves=2, salt=4) * 12)
