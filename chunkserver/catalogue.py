@@ -234,7 +234,7 @@ def _is_new(connection: apsw.Connection, path: str) -> bool:
     if version > FORMAT:
         message = f"{path} has format {version}; this version of chunkserver reads {FORMAT}: use a newer one"
         raise StoreError(message, path=path, format=version)
-    verdict = connection.pragma("quick_check", 1)
+    verdict = connection.pragma("integrity_check", 1)
     if verdict != "ok":
         raise StoreError(f"{path} is damaged: {verdict}", path=path)
     return False

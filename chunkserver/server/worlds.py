@@ -46,8 +46,8 @@ WORLD: Final = f"{WORLDS}/{{world}}"
 
 
 def _seed(given: Any) -> int:
-    if isinstance(given, int) and not isinstance(given, bool):
-        return given
+    if isinstance(given, int):
+        return given  # true and false are left to the strict model
     if isinstance(given, str) and re.fullmatch(DECIMAL, given):
         return int(given)
     raise PydanticCustomError("seed", 'must be an integer, or a decimal string in its shortest form, such as "-3"')

@@ -13,7 +13,7 @@ from chunkserver.recipe import WorldRecipe, builtin, canonical
 from tests.scale import count
 
 TERRAIN = builtin("terrain")
-WORLDS_WRITTEN = count(2000)
+WORLDS_WRITTEN = count(20_000)
 
 
 def world(name="a", seed=42, source=TERRAIN, **values):
@@ -182,6 +182,8 @@ def test_a_torn_file_is_refused(folder):
         refused(folder, "malformed")
     (folder / FILE_NAME).write_bytes(whole[: 2 * page] + bytes(page) + whole[3 * page :])
     refused(folder)
+    (folder / FILE_NAME).write_bytes(whole.replace(b"w150", b"zzzz"))
+    refused(folder, "damaged", "order")
     (folder / FILE_NAME).write_bytes(whole)
     assert len(Catalogue(folder)) == 200
 
@@ -263,20 +265,34 @@ def test_a_disk_that_fails(folder):
     assert [one.id for one in kept.page("", 9)] == ["a"]
 
 
+@pytest.fixture
+def restless():
+    """Threads that take turns as often as they can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("restless")
 def test_readers_and_writers_at_once(folder):
     kept = Catalogue(folder)
-    names = [f"w{number:04}" for number in range(WORLDS_WRITTEN)]
+    names = [f"w{number:05}" for number in range(WORLDS_WRITTEN)]
 
-    def listed(_):
+    def listed():
         found = [one.id for one in kept.page("", WORLDS_WRITTEN)]
         assert found == sorted(set(found))
         return found
 
+    def read_until(written):
+        while not all(one.done() for one in written):
+            listed()
+
     with ThreadPoolExecutor(8) as threads:
         created = [threads.submit(kept.create, world(name)) for name in [*names, *names[::-1]]]
-        list(threads.map(listed, range(100)))
+        read_until(created)
     assert len({one.result().epoch for one in created}) == len(names)
-    assert listed(0) == names
+    assert listed() == names
     kept.close()
 
 

@@ -34,6 +34,11 @@ def test_equal_requests_have_one_tag():
     assert etag(REQUEST) == etag(dataclasses.replace(REQUEST))
 
 
+def test_an_epoch_makes_another_tag():
+    assert len({etag(REQUEST), etag(REQUEST, "01ab"), etag(REQUEST, "23cd")}) == 3
+    assert etag(REQUEST) == etag(REQUEST, "")
+
+
 def test_another_generator_makes_another_tag(monkeypatch):
     before = etag(REQUEST)
     monkeypatch.setattr(module, "generator", lambda _recipe: "another")
