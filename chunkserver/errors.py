@@ -45,6 +45,11 @@ class BadKey(BadRequest):
 class BadRecipe(BadRequest):
     """A recipe that does not exist, does not parse or passes a limit."""
 
+    @classmethod
+    def at(cls, path: str, expected: str, **values: object) -> "BadRecipe":
+        """Return the error that says what is wrong with the node at `path`, as the user would write it: `a.b`."""
+        return cls(f"recipe: at {path or 'the root'}: {expected}", path=path, expected=expected, **values)
+
 
 class BadParameter(BadRequest):
     """A parameter that is malformed or names something that is not built."""

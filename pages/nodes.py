@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
+from chunkserver.field.tape import REGISTERS_MAX
 from chunkserver.recipe import nodes
 from chunkserver.recipe.node import Facts
 from chunkserver.recipe.reading import COST_MAX, DEPTH_MAX, NODES_MAX, SOURCE_BYTES_MAX
@@ -21,7 +22,9 @@ lengths are in voxels, y is up, and the point is p = (x, y, z). Nothing in a rec
 A recipe has at most {NODES_MAX:,} nodes, {DEPTH_MAX} levels of JSON and {SOURCE_BYTES_MAX >> 10} KiB. Each node states
 its cost in nanoseconds a sample, on the machine of [the performance page](../performance.md); those of a recipe add up
 to at most {COST_MAX:,.0f}. What is equal in a tree is worked out once, and what does not depend on y once for a column,
-so most recipes cost less than that sum. A recipe with a value that is not finite somewhere in the world is refused.
+so most recipes cost less than that sum. What does not depend on y, different constants included, is kept for all of a
+column: at most {REGISTERS_MAX} such values. A recipe with a value that is not finite somewhere in the world is refused:
+when it is posted, or by a chunk of the level at which a `mean` makes it so.
 
 *Bound* says where a node's values lie; *feature* by which size levels of detail fade it. At a level whose samples are
 `step` voxels apart, what is 8 steps large is whole, what is 4 steps or less is gone, and in between it fades linearly.
@@ -85,7 +88,11 @@ def _node(model: type[nodes.Node]) -> str:
 
 
 def _facts(op: str, facts: Facts) -> str:
-    return f"| `{op}` | {_cell(facts.formula)} | {_cell(facts.bound)} | {facts.feature or '-'} | {facts.cost:g} |"
+    return f"| `{op}` | {_cell(facts.formula)} | {_cell(facts.bound)} | {facts.feature or '-'} | {_cost(facts)} |"
+
+
+def _cost(facts: Facts) -> str:
+    return f"{facts.cost:g} each {facts.per}" if facts.per else f"{facts.cost:g}"
 
 
 def _cell(text: str) -> str:

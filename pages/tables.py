@@ -22,8 +22,8 @@ Detail that is finer than a level can show fades out ([how](../CONVENTIONS.md#le
 levels would be made of speckle. Two rules hold for every built-in (`tests/property/test_levels_triangles.py`):
 
 - no level has more than {growth:g} times the triangles per chunk of LOD 0, in the mean and at most;
-- no closed piece of surface is smaller than {stray} cells, unless it is all there is to see. `terrain` and `planet`
-  break this at LOD 0 and 1: where a cave comes within a voxel of the ground, chips of rock are left.
+- no closed piece of surface is smaller than {stray} cells, unless it is all there is to see. `terrain` breaks
+  this at LOD 0 and 1, `planet` at LOD 1: where a cave only grazes the ground, chips of rock are left.
 
 ## Mean
 

@@ -15,7 +15,7 @@ from chunkserver.errors import BadRecipe
 from chunkserver.field import ops
 from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.noise.names import noise_name
-from chunkserver.field.octaves import STEEPEST, write_cellular, write_noise, write_sum
+from chunkserver.field.octaves import write_cellular, write_noise, write_sum
 from chunkserver.field.shapes import LENGTHS
 from chunkserver.field.tape import NONE, Step, Tape, allocate, keep_all
 from chunkserver.field.writer import Frame, Writer
@@ -47,10 +47,9 @@ def flatten(recipe: WorldRecipe, lod: int) -> Flat:
     writer = Writer(recipe.seed, lod, WRITERS)
     root = writer.write(recipe.expression, Frame())
     kept, order = keep_all(writer.steps, root)
-    failed, values = bounds(kept, _WORLD)
+    failed, values = bounds(kept, _WORLD, any_seed=True)
     if failed != ALL_FINITE:
-        path = writer.paths[order[failed]] or "the root"
-        raise BadRecipe(f"recipe: at {path}: its value, or its point, is not finite all over the world", path=path)
+        raise BadRecipe.at(writer.paths[order[failed]], "its value, or its point, is not finite all over the world")
     if lod > 0 and (shown := visible(writer, _by_place(writer, order, kept, values), root)) != root:
         root = shown
         kept, _ = keep_all(writer.steps, root)
@@ -139,12 +138,12 @@ def _heightfield(writer: Writer, node: nodes.Heightfield, frame: Frame) -> int:
 
 def _plane(writer: Writer, node: nodes.Plane, frame: Frame) -> int:
     unit = _unit(node.normal)
-    return _distance(writer, ops.PLANE, frame, 0.0, -STEEPEST, (*unit, node.offset))
+    return _distance(writer, ops.PLANE, frame, 0.0, -math.inf, (*unit, node.offset))
 
 
 def _unit(vector: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the vector of length 1, by square root alone: `math.hypot` is not the same everywhere."""
-    length = math.sqrt(sum(component * component for component in vector))
+    """Return the vector of length 1. `math.fsum` is rounded once; `sum` and `math.hypot` differ between Pythons."""
+    length = math.sqrt(math.fsum(component * component for component in vector))
     return tuple(component / length for component in vector)
 
 
@@ -167,7 +166,7 @@ def _box(node: nodes.Box) -> tuple[float, ...]:
 
 def _capsule(node: nodes.Capsule) -> tuple[float, ...]:
     along = [b - a for a, b in zip(node.a, node.b, strict=True)]
-    square = sum(component * component for component in along)
+    square = math.fsum(component * component for component in along)
     return (*node.a, *along, node.radius, 1 / square if square else 0.0)
 
 

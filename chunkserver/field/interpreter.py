@@ -30,7 +30,8 @@ SLAB_POINTS: Final = 1280
 
 DENSITY_MAX: Final = np.float32(65536)
 """The field is clamped to +-DENSITY_MAX voxels, so that edits add to it without overflow, or to +-CELLS_MAX cells where
-that is more: a surface and its normals never depend on a clamped sample."""
+that is more: a surface and its normals depend on no clamped sample, unless the density changes by more than 16,384 in a
+voxel."""
 CELLS_MAX: Final = np.float32(4)
 
 _Floats = NDArray[np.float32]

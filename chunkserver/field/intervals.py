@@ -10,6 +10,7 @@ every register. Noise lies within its range, and within its Lipschitz constant t
 wherever the box is smaller than a feature. A distance changes by at most as much as the point moves.
 """
 
+import math
 from typing import Final
 
 import numpy as np
@@ -34,18 +35,21 @@ LATTICE_SLACK: Final = 2.0**-50
 FINITE_MAX: Final = 1e38
 """Values are refused from here on: a third of what float32 holds."""
 ALL_FINITE: Final = -1
-_INFINITE: Final = np.float32(np.inf)
+ANYWHERE: Final = math.inf
+"""Distance from the middle at which noise is bounded by its range alone."""
+INFINITE: Final = np.float32(np.inf)
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
 _Code = NDArray[np.int32]
 
 
-def bounds(tape: Tape, box: _Doubles) -> tuple[int, _Floats]:
+def bounds(tape: Tape, box: _Doubles, any_seed: bool = False) -> tuple[int, _Floats]:
     """Bound every register of a tape over a box.
 
     tape: one that keeps every step in a register of its own (`tape.keep_all`).
     box: (3, 2) float64, low and high of x, y, z, voxels.
+    any_seed: bound noise by its range alone, so that the bounds hold for, and are the same for, every seed.
 
     Returns ALL_FINITE or the first instruction that is not finite (then nothing after it is bounded), and the bounds:
     (value registers, 2) float32, low and high.
@@ -56,12 +60,18 @@ def bounds(tape: Tape, box: _Doubles) -> tuple[int, _Floats]:
     run(tape.code, tape.numbers, tape.keys, 0, 0, low, 1.0, 1, middle, at_middle, *scratch(), density)
     places, values = np.empty((tape.places, 2)), np.empty((tape.values, 2), np.float32)
     places[:3] = box
-    return _bound(tape.code, tape.numbers, middle, at_middle, places, values), values
+    return _bound(tape.code, tape.numbers, middle, at_middle, any_seed, places, values), values
 
 
 @kernel
 def _bound(
-    code: _Code, numbers: _Doubles, middle: _Doubles, at_middle: _Floats, places: _Doubles, values: _Floats
+    code: _Code,
+    numbers: _Doubles,
+    middle: _Doubles,
+    at_middle: _Floats,
+    any_seed: bool,
+    places: _Doubles,
+    values: _Floats,
 ) -> int:
     """Write the bounds of every register; return ALL_FINITE or the first instruction that is not finite.
 
@@ -88,9 +98,10 @@ def _bound(
             if op <= ops.SHAPE_LAST:
                 _distance(here, radius, farthest, n, out)
             elif op == ops.RANDOM:
-                out[0], out[1] = (here, here) if radius == 0.0 else (np.float32(-1), np.float32(1))
+                known = radius == 0.0 and not any_seed
+                out[0], out[1] = (here, here) if known else (np.float32(-1), np.float32(1))
             else:
-                _noise(here, at_middle[row[ops.B], 0], radius, farthest, n, b, out)
+                _noise(here, at_middle[row[ops.B], 0], ANYWHERE if any_seed else radius, farthest, n, b, out)
         if not (out[0] > -FINITE_MAX and out[1] < FINITE_MAX):
             return at
     return ALL_FINITE
@@ -206,7 +217,7 @@ def _smooth(op: int, a: _Floats, b: _Floats, n: _Doubles, out: _Floats) -> None:
 def _remap(a: _Floats, n: _Doubles, out: _Floats) -> None:
     """Bound a piecewise linear curve: it is lowest and highest at the ends, or at knots between them."""
     first = last = np.float32(n[2])
-    low, high, highest = _INFINITE, -_INFINITE, ZERO
+    low, high, highest = INFINITE, -INFINITE, ZERO
     for knot in range(np.int64(n[0])):
         at = 1 + ops.KNOT_NUMBERS * knot
         start, to = np.float32(n[at]), np.float32(n[at + 1])
@@ -240,7 +251,7 @@ def _noise(
 ) -> None:
     """Bound below + amplitude * noise."""
     if not (farthest * n[1] + 1.0 < COORDINATE_MAX):
-        out[0], out[1] = -_INFINITE, _INFINITE
+        out[0], out[1] = -INFINITE, INFINITE
         return
     amplitude, middle = np.float32(n[0]), np.float64(here) - np.float64(below_here)
     moved = radius * n[1] + LATTICE_SLACK * (farthest * n[1] + 1.0)

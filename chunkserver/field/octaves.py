@@ -1,9 +1,10 @@
 """Writers of noise: octaves, their sums, and what a level leaves of each."""
 
+import math
 from typing import Final, NamedTuple
 
 from chunkserver.field import ops
-from chunkserver.field.noise.facts import NOISES, Facts
+from chunkserver.field.noise.facts import NOISES, NoiseFacts
 from chunkserver.field.noise.names import noise_name
 from chunkserver.field.tape import Step
 from chunkserver.field.writer import Frame, Writer
@@ -30,7 +31,7 @@ class Octave(NamedTuple):
     """One octave of noise: which, how fine, and what tells it from others. `extras`: what cellular noise wants."""
 
     op: str
-    facts: Facts
+    facts: NoiseFacts
     frequency: float
     salt: int
     number: int = 0
@@ -56,7 +57,7 @@ def write_cellular(writer: Writer, node: nodes.Cellular, frame: Frame) -> int:
 def write_sum(writer: Writer, node: nodes.Sum, frame: Frame) -> int:
     """Write the octaves of a sum, each on top of the one before."""
     bands, facts = node.bands(), NOISES[node.of_octave]
-    total = sum(amplitude for _, amplitude in bands)
+    total = math.fsum(amplitude for _, amplitude in bands)
     sign = _SIGNS[node.op[:-1]]
     place = writer.constant(0.0, frame)
     for number, (frequency, amplitude) in enumerate(bands, 1):

@@ -101,7 +101,8 @@ def allocate(steps: Sequence[Step], root: int) -> Tape:
                 free[steps[operand].is_coordinate].append(register[operand])
     if max(used.values()) > REGISTERS_MAX:
         count = max(used.values())
-        raise BadRecipe(f"recipe needs {count} registers; the limit is {REGISTERS_MAX}", registers=count)
+        message = f"recipe needs {count} registers; the limit is {REGISTERS_MAX}: fewer different constants need fewer"
+        raise BadRecipe(message, registers=count)
     columns = sum(place not in on_y for place in order)
     return _assemble(steps, order, register, columns, used, register[root])
 

@@ -21,8 +21,8 @@ FACTOR_MAX: Final = float(1 << 20)
 OCTAVES_MAX: Final = 16
 RATIO_MAX: Final = 8.0
 GAIN_MIN: Final = 2.0**-10
-"""Each octave has at least about a thousandth of the amplitude of the one before: chosen to keep amplitudes sensible,
-not where float32 ends, which holds 16,384 times finer ones."""
+"""Each octave has at least about a thousandth of the amplitude of the one before. Late octaves of so small a gain add
+nothing that float32 could hold."""
 DETAIL_MAX: Final = 16.0
 
 
@@ -55,14 +55,16 @@ class Facts(NamedTuple):
 
     formula: its value at a point p = (x, y, z).
     bound: where its value lies.
-    cost: ns a sample on the machine of docs/performance.md, per octave: what the limit on a recipe's cost counts.
+    cost: ns a sample on the machine of docs/performance.md: what the limit on a recipe's cost counts.
     feature: the size in voxels by which levels of detail fade it, and what is left then; empty if it does not fade.
+    per: what the cost is of, if it is not the whole node.
     """
 
     formula: str
     bound: str
     cost: float
     feature: str = ""
+    per: str = ""
 
 
 class Node(BaseModel):

@@ -96,7 +96,10 @@ _ROUNDED: Final = "h² / (4 radius), where h = max(radius - |a - b|, 0)"
 
 
 class Smooth(Node):
-    """`min` or `max` with the crease where both are equal rounded off, over `radius` voxels of difference."""
+    """`min` or `max` with the crease where both are equal rounded off, over `radius` voxels of difference.
+
+    A shape that a level has lost is still 0 at its heart: joined by `smooth_min`, a little rock is left there.
+    """
 
     facts: ClassVar = {
         "smooth_min": Facts(f"min(a, b) - {_ROUNDED}", "min's, less radius / 4", 0.6),
@@ -127,7 +130,7 @@ class Select(Node):
 
 
 def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    if any(left[0] + LENGTH_MIN > right[0] for left, right in itertools.pairwise(points)):
+    if any(right[0] - left[0] < LENGTH_MIN for left, right in itertools.pairwise(points)):
         raise ValueError("the first numbers of the points should rise, by at least 2**-20")
     return points
 
@@ -135,7 +138,7 @@ def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float
 class Remap(Node):
     """A piecewise linear curve through `points` (from, to); flat before the first and after the last of them."""
 
-    facts: ClassVar = {"remap": Facts("curve(a)", "between the lowest and the highest point", 8.0)}
+    facts: ClassVar = {"remap": Facts("curve(a)", "between the lowest and the highest point", 0.3, per="point")}
     op: Literal["remap"] = "remap"
     a: "Expression"
     points: Annotated[
@@ -147,7 +150,7 @@ class Remap(Node):
 
     def cost(self) -> float:
         """Return the cost of all pieces, ns a sample."""
-        return 0.3 * len(self.points)
+        return self.facts[self.op].cost * len(self.points)
 
 
 class Heightfield(Node):
@@ -228,9 +231,9 @@ class Repeat(Node):
 
 
 class Random(Node):
-    """A number that is random for each cell of the `repeat` around it, and the same all over that cell.
+    """A number that is random for each cell of the innermost `repeat` around it, and the same all over that cell.
 
-    Outside any `repeat` it is one number for the whole world of a seed.
+    Outer repetitions do not count, and outside any it is one number for the whole world of a seed.
     """
 
     facts: ClassVar = {"random": Facts("hash of the cell, the seed and the salt", "[-1, 1]", 2.5)}
@@ -239,7 +242,10 @@ class Random(Node):
 
 
 class Warp(Node):
-    """A subtree looked up at points that are moved by three other nodes, in voxels: domain warp."""
+    """A subtree looked up at points that are moved by three other nodes, in voxels: domain warp.
+
+    Levels of detail take its features for the size that they have before; `detail` says how much a warp squeezes them.
+    """
 
     facts: ClassVar = {"warp": Facts("a(p + (x, y, z))", "a's", 0.9)}
     op: Literal["warp"] = "warp"

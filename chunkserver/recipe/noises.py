@@ -62,12 +62,12 @@ class Sum(Node):
     """
 
     facts: ClassVar = {
-        "fbm2": Facts("Σ gain^k n_k / Σ gain^k, of (x, z)", "[-1, 1]", 6.0, _OCTAVES),
-        "fbm3": Facts("Σ gain^k n_k / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.0, _OCTAVES),
-        "ridged2": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES),
-        "ridged3": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.5, _OCTAVES),
-        "billow2": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES),
-        "billow3": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.5, _OCTAVES),
+        "fbm2": Facts("Σ gain^k n_k / Σ gain^k, of (x, z)", "[-1, 1]", 6.0, _OCTAVES, "octave"),
+        "fbm3": Facts("Σ gain^k n_k / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.0, _OCTAVES, "octave"),
+        "ridged2": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES, "octave"),
+        "ridged3": Facts("Σ gain^k (1 - 2 |n_k|) / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.5, _OCTAVES, "octave"),
+        "billow2": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, z)", "[-1, 1]", 6.5, _OCTAVES, "octave"),
+        "billow3": Facts("Σ gain^k (2 |n_k| - 1) / Σ gain^k, of (x, y, z)", "[-1, 1]", 8.5, _OCTAVES, "octave"),
     }
     op: Literal["fbm2", "fbm3", "ridged2", "ridged3", "billow2", "billow3"]
     frequency: Frequency

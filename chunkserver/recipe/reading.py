@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from chunkserver.errors import BadRecipe
 from chunkserver.recipe.nodes import Expression, Node
-from chunkserver.recipe.refusals import bad_recipe, refusal_at
+from chunkserver.recipe.refusals import bad_recipe
 
 SOURCE_BYTES_MAX: Final = 1 << 16
 NODES_MAX: Final = 1024
@@ -20,7 +20,7 @@ DEPTH_MAX: Final = 64
 """JSON levels below the root: each node is one, its numbers one more."""
 VALUES_MAX: Final = 8 * NODES_MAX
 """JSON values in a recipe, keys not counted. A node has an op, two operands or a few numbers."""
-FIELDS_MAX: Final = 16
+FIELDS_MAX: Final = 8
 """Fields of one object. Each unknown one would be looked into, and explained."""
 COST_MAX: Final = 2000.0
 """Nanoseconds a sample, by the costs that nodes state: at most about 0.1 s for a chunk of 32 cells, 0.6 s of 64."""
@@ -80,7 +80,7 @@ def _check_cost(root: Node) -> None:
         path, node = waiting.pop()
         cost += node.cost()
         if cost > COST_MAX:
-            raise refusal_at(path, f"the recipe costs more than {COST_MAX:.0f} ns a sample, up to here", cost=cost)
+            raise BadRecipe.at(path, f"the recipe costs more than {COST_MAX:.0f} ns a sample, up to here", cost=cost)
         waiting += [(f"{path}.{name}" if path else name, child) for name, child in node.children()]
 
 

@@ -15,6 +15,7 @@ _EXPECTED: Final = {
     "union_tag_invalid": "should have a known op",
     "extra_forbidden": "is not a field of this node",
     "missing": "should be there",
+    "tuple_type": "should be a list",
 }
 """What pydantic says in words of its own, in words of recipes. Keyed by its error types."""
 
@@ -23,15 +24,12 @@ def bad_recipe(error: ValidationError, tree: object) -> BadRecipe:
     """Return what `error` says first about `tree`, with the path to it as the user would write it: `a.b.frequency`."""
     first = error.errors(include_url=False)[0]
     path = ".".join(_path(first["loc"], tree))[:PATH_CHARACTERS_MAX]
-    expected = _EXPECTED.get(first["type"], first["msg"].removeprefix("Input ").removeprefix("Value error, "))
+    expected = _EXPECTED.get(
+        first["type"], first["msg"].removeprefix("Input ").removeprefix("Tuple ").removeprefix("Value error, ")
+    )
     if "expected_tags" in first.get("ctx", {}):
         expected += f", one of {first['ctx']['expected_tags']}"
-    return refusal_at(path, expected)
-
-
-def refusal_at(path: str, what: str, **values: object) -> BadRecipe:
-    """Return the error that says what is wrong with the node at `path`, as the user would write it: `a.b`."""
-    return BadRecipe(f"recipe: at {path or 'the root'}: {what}", path=path, expected=what, **values)
+    return BadRecipe.at(path, expected)
 
 
 def _path(location: tuple[int | str, ...], tree: Any) -> Iterator[str]:

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from chunkserver.recipe import canonical, nodes
+from chunkserver.recipe import BUILTINS, canonical, nodes
 from pages.nodes import EXAMPLES, write_nodes
 from tests.house.checkout import ROOT
 
@@ -14,6 +14,13 @@ MODELS = [model for models in nodes.SECTIONS.values() for model in models]
 def test_the_page_of_nodes_is_current(tmp_path):
     """If a node has changed: `python -m pages nodes`."""
     assert (ROOT / "docs" / "recipes" / "nodes.md").read_text() == write_nodes(tmp_path).read_text()
+
+
+def test_the_table_of_levels_has_every_built_in():
+    """If one is new: `python -m pages levels`. The figures are those of `make torture`."""
+    rows = (ROOT / "docs" / "recipes" / "levels.md").read_text().split("## Maximum")[0].splitlines()
+    names = [row.split("|")[1].strip() for row in rows if row.startswith("| ")]
+    assert names[2:] == sorted(BUILTINS)
 
 
 @pytest.mark.parametrize("op", EXAMPLES)

@@ -62,3 +62,26 @@ def test_leaves_what_is_exact_alone():
     assert not list(inexact("a.py", "@kernel\ndef f(x):\n    return np.floor(np.sqrt(np.float32(x)))"))
     assert not list(inexact("a.py", "@kernel\ndef f(x):\n    return np.empty(3, np.uint32)"))
     assert not list(inexact("a.py", "def f(x):\n    return math.sin(x) ** 2"))
+
+
+def rounded_sums(path: str, text: str) -> Iterator[str]:
+    """Since Python 3.12 `sum` of floats is compensated: other bits than before. Counting what is true is none."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "sum":
+            counted = node.args[0].elt if isinstance(node.args[0], ast.GeneratorExp) else None
+            if not (isinstance(counted, ast.Compare) or (isinstance(counted, ast.Call) and _is_test(counted))):
+                yield f"{path}:{node.lineno}: sum() of floats is not the same in every Python: use math.fsum"
+
+
+def _is_test(call: ast.Call) -> bool:
+    return isinstance(call.func, ast.Name) and call.func.id == "isinstance"
+
+
+def test_what_makes_a_world_is_summed_exactly():
+    holds(rounded_sums, "chunkserver/field/*.py", "chunkserver/recipe/*.py")
+
+
+def test_finds_a_sum_of_floats():
+    assert list(rounded_sums("a.py", "total = sum(x * x for x in v)"))
+    assert list(rounded_sums("a.py", "mean = sum(v) / len(v)"))
+    assert not list(rounded_sums("a.py", "n = sum(x > 0 for x in v) + sum(isinstance(x, int) for x in v)"))

@@ -16,8 +16,8 @@ Defined where the coordinates in lattice cells are at most COORDINATE_MAX. Only 
 bits on every machine. `tests/reference/noise_twin.py` says it all again in plain Python, point by point.
 """
 
-from chunkserver.field.noise.facts import NOISES, Facts
+from chunkserver.field.noise.facts import NOISES, NoiseFacts
 from chunkserver.field.noise.lattice import COORDINATE_MAX, scratch
 from chunkserver.field.noise.names import noise_name
 
-__all__ = ["COORDINATE_MAX", "NOISES", "Facts", "noise_name", "scratch"]
+__all__ = ["COORDINATE_MAX", "NOISES", "NoiseFacts", "noise_name", "scratch"]

@@ -1,4 +1,4 @@
-"""What may be relied on of each noise: its range, its means, how steep it is, what it costs.
+"""What may be relied on of each noise: its range, its means, how steep it is.
 
 `tests/unit/field/test_noise_facts.py` and `test_noise_statistics.py` hold each number.
 """
@@ -7,14 +7,13 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 
-class Facts(NamedTuple):
+class NoiseFacts(NamedTuple):
     """What is known of one noise. Lengths are lattice cells.
 
     low, high: what no value is outside of.
     mean: at jitter 0; with jitter it grows by `mean_by_jitter` * jitter^2, which is right to 0.003. See `mean_at`.
     mean_absolute: of |noise|, right to 0.001; what ridged and billow sums fade to.
     lipschitz: two values differ by at most this times the distance of their points, but for rounding (2e-6).
-    cost: ns a sample, one thread, AVX2: the slowest that was seen on an idle core, rounded up.
     """
 
     dimensions: int
@@ -23,7 +22,6 @@ class Facts(NamedTuple):
     mean: float
     mean_absolute: float
     lipschitz: float
-    cost: float
     mean_by_jitter: float = 0.0
 
     def mean_at(self, jitter: float) -> float:
@@ -35,21 +33,21 @@ _JUMPS: Final = float("inf")
 
 NOISES: Final = MappingProxyType(
     {
-        # Slopes: the supremum over points, directions and gradients, found by a search, and 0.1 % more or so. That of
-        # value noise is exact: 2 from one corner to the next, times 15/8, the steepest slope of the quintic blend.
-        "gradient2": Facts(2, -1.0, 1.0, 0.0, 0.2533, 2.95, 6.0),
-        "gradient3": Facts(3, -1.0, 1.0, 0.0, 0.2173, 3.6, 8.0),
-        "value2": Facts(2, -1.0, 1.0, 0.0, 0.3786, 3.75, 4.0),
-        "value3": Facts(3, -1.0, 1.0, 0.0, 0.3301, 3.75, 6.0),
-        "simplex2": Facts(2, -1.0, 1.0, 0.0, 0.4678, 7.37, 7.0),
-        "simplex3": Facts(3, -1.0, 1.0, 0.0, 0.3136, 6.97, 8.0),
+        # Slopes: the supremum over points, directions and gradients, found by a search, and 0.1 % more or so. For value
+        # noise the search ends at 2 from one corner to the next, times 15/8, the steepest slope of the quintic blend.
+        "gradient2": NoiseFacts(2, -1.0, 1.0, 0.0, 0.2533, 2.95),
+        "gradient3": NoiseFacts(3, -1.0, 1.0, 0.0, 0.2173, 3.6),
+        "value2": NoiseFacts(2, -1.0, 1.0, 0.0, 0.3786, 3.75),
+        "value3": NoiseFacts(3, -1.0, 1.0, 0.0, 0.3301, 3.75),
+        "simplex2": NoiseFacts(2, -1.0, 1.0, 0.0, 0.4678, 7.37),
+        "simplex3": NoiseFacts(3, -1.0, 1.0, 0.0, 0.3136, 6.97),
         # A distance is 1-Lipschitz, a difference of two 2-Lipschitz; a value jumps where the nearest point changes.
-        "cellular2 distance": Facts(2, 0.0, 1.0, 0.3825, 0.3825, 1.0, 8.0, 0.0480),
-        "cellular2 edge": Facts(2, 0.0, 1.0, 0.3170, 0.3170, 2.0, 8.0, -0.0510),
-        "cellular2 value": Facts(2, -1.0, 1.0, 0.0, 0.5, _JUMPS, 8.0),
-        "cellular3 distance": Facts(3, 0.0, 1.0, 0.4805, 0.4805, 1.0, 24.0, 0.0420),
-        "cellular3 edge": Facts(3, 0.0, 1.0, 0.2245, 0.2245, 2.0, 24.0, -0.0280),
-        "cellular3 value": Facts(3, -1.0, 1.0, 0.0, 0.5, _JUMPS, 24.0),
+        "cellular2 distance": NoiseFacts(2, 0.0, 1.0, 0.3825, 0.3825, 1.0, 0.0480),
+        "cellular2 edge": NoiseFacts(2, 0.0, 1.0, 0.3170, 0.3170, 2.0, -0.0510),
+        "cellular2 value": NoiseFacts(2, -1.0, 1.0, 0.0, 0.5, _JUMPS),
+        "cellular3 distance": NoiseFacts(3, 0.0, 1.0, 0.4805, 0.4805, 1.0, 0.0420),
+        "cellular3 edge": NoiseFacts(3, 0.0, 1.0, 0.2245, 0.2245, 2.0, -0.0280),
+        "cellular3 value": NoiseFacts(3, -1.0, 1.0, 0.0, 0.5, _JUMPS),
     }
 )
 """The facts of every noise by its name; those of cellular noise by its name and what it returns."""

@@ -1,5 +1,6 @@
 """Canyons: the distance to the river is worked out once, and every bench of rock begins at a distance of its own."""
 
+import math
 from typing import Final
 
 from chunkserver.recipe.builder import fbm2, remap, repeat, ridged2, smooth_max, smooth_min, warp, y
@@ -42,5 +43,5 @@ def _layers() -> Node:
     period = LAYER * len(SOFT)
     feet = [(LAYER * number - period / 2, back) for number, back in enumerate(SOFT)]
     points = [(foot + rise, back) for foot, back in feet for rise in (0.0, 0.75 * LAYER)] + [(period / 2, SOFT[0])]
-    layers = repeat(remap(y, points=tuple(points)), period=(0.0, period, 0.0), mean=sum(SOFT) / len(SOFT))
+    layers = repeat(remap(y, points=tuple(points)), period=(0.0, period, 0.0), mean=math.fsum(SOFT) / len(SOFT))
     return warp(at_once(layers, period, share=1 / 3), y=fbm2(frequency=0.006, octaves=2, salt=4) * 12)

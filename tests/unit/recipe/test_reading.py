@@ -93,6 +93,8 @@ def nested(bad: object) -> object:
         ({"op": "remap", "a": Y, "points": [[0, 1]]}, "points", "at least 2 items"),
         ({"op": "remap", "a": Y, "points": [[0, 1]] * 33}, "points", "at most 32 items"),
         ({"op": "remap", "a": Y, "points": [[0, 1], [0, 2]]}, "points", "should rise"),
+        ({"op": "remap", "a": Y, "points": [[2**40, 1], [2**40, 2]]}, "points", "should rise"),
+        ({"op": "remap", "a": Y, "points": [[-(2**40), 1], [-(2**40), 2]]}, "points", "should rise"),
         ({"op": "remap", "a": Y, "points": [[0, 1], [1, "2"]]}, "points.1.1", "number"),
         ({"op": "scale", "a": Y, "factor": 0}, "factor", "greater than or equal to"),
         ({"op": "scale", "a": Y, "factor": [1, 2]}, "factor.2", "should be there"),
