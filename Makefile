@@ -16,7 +16,7 @@ NODE := tests/node_modules/.installed
 .PHONY: run test bench torture docs lint format lock clean
 
 run: $(RUNTIME)
-	$(BIN)/chunkserver serve $(ARGS)
+	$(BIN)/chunkserver serve --data data $(ARGS)
 
 test: lint $(NODE)
 	$(BIN)/pytest $(ARGS)

@@ -117,8 +117,12 @@ def test_compose_gives_no_privileges():
 
 def test_compose_leaves_writable_only_what_must_be():
     writable = [*service()["tmpfs"], *(volume.split(":")[1] for volume in service()["volumes"])]
-    assert writable == ["/tmp", "/var/cache/chunkserver"]
+    assert writable == ["/tmp", "/var/cache/chunkserver", "/var/lib/chunkserver"]
     assert "CHUNKSERVER_CACHE_DIR=/var/cache/chunkserver" in last("ENV")
+    assert "CHUNKSERVER_DATA=/var/lib/chunkserver" in last("ENV")
+    for folder in writable[1:]:
+        owned = [line for name, line in instructions() if name == "RUN" and "--owner=chunkserver" in line]
+        assert folder in owned[0].split(), "a new volume has the owner of the folder that it covers"
 
 
 def test_compose_builds_this_dockerfile():
