@@ -3,9 +3,11 @@
 import hashlib
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Final
 
 from chunkserver.pipeline import ChunkRequest, generator
+from chunkserver.recipe import WorldRecipe
 
 ETAG_BYTES: Final = 16
 _ENTITY_TAG: Final = re.compile(r'(?:W/)?"([^"]*)"')
@@ -16,11 +18,13 @@ def etag(request: ChunkRequest, epoch: str = "") -> str:
 
     epoch: of the world, if it is a chunk of one. Revisions of another epoch count other edits.
 
-    `repr` of the frozen request writes every field, those to come included; the generator adds the sources that shape
-    a chunk. Same tag, same bytes.
+    `repr` of the frozen request writes every field, those to come included, and the recipe by its digest: the source
+    may be 64 KB. The generator adds the sources that shape a chunk. Same tag, same bytes.
     """
-    named = f"{generator(request.recipe)} {request!r}{epoch and ' '}{epoch}".encode()
-    return hashlib.blake2b(named, digest_size=ETAG_BYTES).hexdigest()
+    recipe = request.recipe
+    named = replace(request, recipe=WorldRecipe(recipe.seed, recipe.digest))
+    text = f"{generator(recipe)} {named!r}{epoch and ' '}{epoch}".encode()
+    return hashlib.blake2b(text, digest_size=ETAG_BYTES).hexdigest()
 
 
 def body_etag(body: bytes) -> str:
