@@ -165,7 +165,7 @@ PLACES = {nodes.Translate, nodes.Scale, nodes.Rotate, nodes.Repeat, nodes.Warp, 
 
 
 def turned_back(quaternion: Sequence[float]) -> list[tuple[float, float, float]]:
-    length = math.sqrt(sum(part * part for part in quaternion))
+    length = math.sqrt(math.fsum(part * part for part in quaternion))
     x, y, z, w = (part / length for part in quaternion)
     return [
         (1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)),
@@ -192,7 +192,7 @@ def one_octave(node: nodes.Noise | nodes.Cellular, world: World, here: Here) -> 
 def octaves(node: nodes.Sum, world: World, here: Here) -> np.float32:
     """Return the sum of the octaves, numbered from 1, each faded for the level."""
     bands = node.bands()
-    total = sum(amplitude for _, amplitude in bands)
+    total = math.fsum(amplitude for _, amplitude in bands)
     mean = 1 - 2 * NOISES[node.of_octave].mean_absolute
     value = f32(0)
     for number, (frequency, amplitude) in enumerate(bands, 1):

@@ -15,7 +15,7 @@ f64 = np.float64
 def distance(node: Any, point: Sequence[np.float64], lost: Callable[[float], float]) -> np.float32:
     """Return the distance to a shape. `lost`: the share of its depth that a shape of that depth has shrunk by."""
     if isinstance(node, nodes.Plane):
-        length = math.sqrt(sum(part * part for part in node.normal))
+        length = math.sqrt(math.fsum(part * part for part in node.normal))
         x, y, z = (c * (part / length) for c, part in zip(point, node.normal, strict=True))
         return f32(x + y + z - node.offset)
     exact: f64 = OF[type(node)](node, point)
@@ -49,7 +49,7 @@ def box(node: nodes.Box, point: Sequence[np.float64]) -> np.float64:
 
 def capsule(node: nodes.Capsule, point: Sequence[np.float64]) -> np.float64:
     away, along = minus(point, node.a), [b - a for a, b in zip(node.a, node.b, strict=True)]
-    square = sum(part * part for part in along)
+    square = math.fsum(part * part for part in along)
     dot = away[0] * along[0] + away[1] * along[1] + away[2] * along[2]
     t = min(max(dot * f64(1 / square if square else 0), f64(0)), f64(1))
     return length([c - t * part for c, part in zip(away, along, strict=True)]) - node.radius
