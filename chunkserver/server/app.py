@@ -12,6 +12,7 @@ from chunkserver import __version__
 from chunkserver.catalogue import Catalogue
 from chunkserver.server import health, landing, openapi, problems, recipes, seeds, world_chunks, worlds
 from chunkserver.server.cache import ChunkCache
+from chunkserver.server.front import Answers, Front
 from chunkserver.server.pool import LIMITS_DEFAULT, Pool
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.service import Builder, Service
@@ -38,9 +39,12 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
         generate_unique_id_function=attrgetter("name"),
         lifespan=_lifespan,
     )
+    cache = ChunkCache(settings.cache_bytes)
+    answers = Answers(cache)
     app.state.service = Service(
         pool or Pool(settings.workers),
-        ChunkCache(settings.cache_bytes),
+        cache,
+        answers,
         PostedRecipes(),
         WorldStore(Catalogue(settings.folder), LIMITS_DEFAULT.answer_seconds),
     )
@@ -48,6 +52,7 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)
+    app.middleware_stack = Front(app.build_middleware_stack(), answers)  # in front of all middleware: a hit needs none
     return app
 
 

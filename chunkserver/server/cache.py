@@ -14,7 +14,7 @@ ENTRY_BYTES: Final = 512
 class ChunkCache:
     """The least recently used chunks go first. One event loop owns it; nothing in it is thread-safe.
 
-    There is no `get` and no `put`: between the two, another request would start the same build.
+    There is no `put`: between a `find` and that, another request would start the same build.
 
     hits: answers that needed no build of their own, those that joined a build in flight included.
     misses: builds started.
@@ -29,16 +29,22 @@ class ChunkCache:
         self._kept: OrderedDict[str, Chunk] = OrderedDict()
         self._building: dict[str, asyncio.Task[Chunk]] = {}
 
+    def find(self, key: str) -> Chunk | None:
+        """Return the chunk named `key` if it is kept, or None. It counts as a hit, and as used."""
+        kept = self._kept.get(key)
+        if kept is not None:
+            self.hits += 1
+            self._kept.move_to_end(key)
+        return kept
+
     async def get_or_build(self, key: str, build: Callable[[], Awaitable[Chunk]]) -> Chunk:
         """Return the chunk named `key`, building it at most once however many ask.
 
         A caller that is cancelled does not cancel the build: others may wait for it. Raises what `build` raises, to
         everyone who waits; a failure is not kept.
         """
-        kept = self._kept.get(key)
+        kept = self.find(key)
         if kept is not None:
-            self.hits += 1
-            self._kept.move_to_end(key)
             return kept
         building = self._building.get(key)
         if building is None:

@@ -1,19 +1,20 @@
 """The one answer behind all routes of chunks, and what those routes declare of it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
-from fastapi import Request, Response
+from fastapi import Depends, Request, Response
 
 from chunkserver.errors import BadKey, BadParameter, BadRecipe, DeadlinePassed, Overloaded, Unavailable, WorkerLost
 from chunkserver.pipeline import ChunkRequest
 from chunkserver.server.accept import preferred
 from chunkserver.server.etag import is_known
 from chunkserver.server.openapi import Responses, header, problem_responses
+from chunkserver.server.parameters import IfNoneMatch
 from chunkserver.server.problems import OldGenerator
-from chunkserver.server.service import Service
+from chunkserver.server.service import Service, ServiceOfApp
 from chunkserver.wire import ENCODING_DEFAULT, FORMATS
 
 REVALIDATE: Final = "no-cache"
@@ -57,21 +58,43 @@ def chunk_responses(
     }
 
 
+class Asked(NamedTuple):
+    """What every route of chunks is called with."""
+
+    request: Request
+    service: Service
+    if_none_match: tuple[str, ...]
+
+
+async def _asked(request: Request, service: ServiceOfApp, if_none_match: IfNoneMatch = ()) -> Asked:
+    return Asked(request, service, if_none_match)
+
+
+AskedOfUrl = Annotated[Asked, Depends(_asked)]
+
+
 def format_of(request: Request) -> str:
     """Return the name of the format that `Accept` chooses; the native one if it names none that is served."""
     return MEDIA_TYPES[preferred(request.headers.getlist("accept"), MEDIA_TYPES)]
 
 
 async def answer(
-    service: Service, wanted: ChunkRequest, tag: str, headers: Mapping[str, str], if_none_match: Iterable[str]
+    asked: Asked, wanted: ChunkRequest, tag: str, headers: Mapping[str, str], holds: Callable[[], bool]
 ) -> Response:
     """Return the answer to a valid request: 304 if the client has it, else from the cache or the workers.
 
     tag: the entity tag, and the cache's key. headers: those besides `ETag`, `Vary` and what tells of the chunk.
+    holds: whether the same request would be answered alike now. While it would, `Front` does it.
     """
-    sent = {"ETag": f'"{tag}"', "Vary": VARY, **headers}
-    if is_known(if_none_match, tag):
+    response = await _answer(asked, wanted, tag, {"ETag": f'"{tag}"', "Vary": VARY, **headers})
+    asked.service.answers.keep(asked.request.scope, tag, response, holds)
+    return response
+
+
+async def _answer(asked: Asked, wanted: ChunkRequest, tag: str, sent: dict[str, str]) -> Response:
+    if is_known(asked.if_none_match, tag):
         return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=sent)
+    service = asked.service
     chunk = await service.cache.get_or_build(tag, partial(service.pool.build, wanted))
     sent["Chunk-Content"] = chunk.content
     if chunk.content != "surface" and wanted.encoding.format == WITHOUT_BODY:

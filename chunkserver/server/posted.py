@@ -73,6 +73,11 @@ def source_by_digest(digest: str, posted: PostedRecipes) -> str | None:
     return _BUILTIN_SOURCES.get(digest) or posted.find(digest)
 
 
+def is_known_recipe(digest: str, posted: PostedRecipes) -> bool:
+    """Return whether `source_by_digest` finds a recipe."""
+    return source_by_digest(digest, posted) is not None
+
+
 def digest_of(source: str) -> str:
     """Return the hex name of the recipe whose canonical JSON is `source`."""
     return WorldRecipe(0, source).digest

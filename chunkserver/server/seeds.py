@@ -1,9 +1,9 @@
 """A seed's pristine world, which nobody has to create: its descriptor and its chunks."""
 
-from collections.abc import Iterable
+from functools import partial
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Response
 
 from chunkserver.errors import BadParameter, BadRecipe
 from chunkserver.grid import ChunkKey
@@ -14,6 +14,8 @@ from chunkserver.server.chunks import (
     IMMUTABLE,
     NATIVE,
     REVALIDATE,
+    Asked,
+    AskedOfUrl,
     answer,
     check_generator,
     chunk_responses,
@@ -23,7 +25,6 @@ from chunkserver.server.descriptor import Descriptor, Urls, members
 from chunkserver.server.etag import etag
 from chunkserver.server.openapi import RESOURCE, header, problem_responses
 from chunkserver.server.parameters import (
-    IfNoneMatch,
     KeyOfUrl,
     Seed,
     SeedAnyQuery,
@@ -36,8 +37,9 @@ from chunkserver.server.parameters import (
     pristine,
     refuse_repeats,
 )
+from chunkserver.server.posted import is_known_recipe
 from chunkserver.server.problems import UnknownRecipe
-from chunkserver.server.service import Service, ServiceOfApp
+from chunkserver.server.service import ServiceOfApp
 from chunkserver.wire import FORMATS, Encoding
 
 
@@ -82,11 +84,10 @@ async def native_chunk(
     seed: Seed,
     key: KeyOfUrl,
     query: Annotated[SeedNativeQuery, Query()],
-    service: ServiceOfApp,
-    if_none_match: IfNoneMatch = (),
+    asked: AskedOfUrl,
 ) -> Response:
     """One chunk in the native format: typed arrays that engines upload as they are. An empty chunk is a 204."""
-    return await _answer(service, seed, key, query, Encoding(NATIVE, profile=query.profile), if_none_match)
+    return await _answer(asked, seed, key, query, Encoding(NATIVE, profile=query.profile))
 
 
 @router.api_route(
@@ -100,11 +101,10 @@ async def glb_chunk(
     seed: Seed,
     key: KeyOfUrl,
     query: Annotated[SeedGlbQuery, Query()],
-    service: ServiceOfApp,
-    if_none_match: IfNoneMatch = (),
+    asked: AskedOfUrl,
 ) -> Response:
     """One chunk as binary glTF. An empty chunk is a valid file without a mesh."""
-    return await _answer(service, seed, key, query, Encoding(GLB, frame=query.frame), if_none_match)
+    return await _answer(asked, seed, key, query, Encoding(GLB, frame=query.frame))
 
 
 @router.api_route(
@@ -115,15 +115,13 @@ async def glb_chunk(
     responses=chunk_responses(*FORMATS, cache_control=_CACHE_CONTROL, problems=_REFUSALS),
 )
 async def any_chunk(
-    request: Request,
     seed: Seed,
     key: KeyOfUrl,
     query: Annotated[SeedAnyQuery, Query()],
-    service: ServiceOfApp,
-    if_none_match: IfNoneMatch = (),
+    asked: AskedOfUrl,
 ) -> Response:
     """One chunk in the format that `Accept` chooses; the native one if it names none that is served."""
-    return await _answer(service, seed, key, query, encoding_of(format_of(request), query), if_none_match)
+    return await _answer(asked, seed, key, query, encoding_of(format_of(asked.request), query))
 
 
 def describe(recipe: WorldRecipe, name: str) -> SeedDescriptor:
@@ -133,10 +131,9 @@ def describe(recipe: WorldRecipe, name: str) -> SeedDescriptor:
     return SeedDescriptor(**members(recipe, name, urls))
 
 
-async def _answer(
-    service: Service, seed: int, key: ChunkKey, query: SeedChunkQuery, encoding: Encoding, if_none_match: Iterable[str]
-) -> Response:
-    wanted = chunk_request(pristine(seed, query.recipe, service.posted), key, query, encoding)
+async def _answer(asked: Asked, seed: int, key: ChunkKey, query: SeedChunkQuery, encoding: Encoding) -> Response:
+    posted = asked.service.posted
+    wanted = chunk_request(pristine(seed, query.recipe, posted), key, query, encoding)
     check_generator(query.g, generator(wanted.recipe))
     headers = {"Cache-Control": IMMUTABLE if query.g else REVALIDATE}
-    return await answer(service, wanted, etag(wanted), headers, if_none_match)
+    return await answer(asked, wanted, etag(wanted), headers, partial(is_known_recipe, wanted.recipe.digest, posted))

@@ -7,6 +7,7 @@ from fastapi import Depends, Request
 
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.cache import ChunkCache
+from chunkserver.server.front import Answers
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.store import WorldStore
 
@@ -30,10 +31,11 @@ class Builder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The workers, the chunks that they made, the recipes that clients have posted, and the worlds."""
+    """The workers, the chunks that they made, answers given before, posted recipes, and the worlds."""
 
     pool: Builder
     cache: ChunkCache
+    answers: Answers
     posted: PostedRecipes
     worlds: WorldStore
 

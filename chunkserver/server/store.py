@@ -45,6 +45,11 @@ class WorldStore:
         """Return the first `limit` worlds whose id sorts behind `after`, by id, whatever generator made them."""
         return self._catalogue.page(after, limit)
 
+    def is_at(self, name: str, epoch: str, revision: int) -> bool:
+        """Return whether the world whose id is `name` still is the one of `epoch`, without an edit since `revision`."""
+        world = self._catalogue.find(name)
+        return world is not None and (world.epoch, world.revision) == (epoch, revision)
+
     async def at_revision(self, name: str, revision: int) -> World:
         """Return the world whose id is `name` when it has `revision`. Raises what `find` does, and `DeadlinePassed`."""
         world = self.find(name)

@@ -1,9 +1,9 @@
 """The chunks of a world: what its revisions, its epoch and its generator have to say about an answer."""
 
-from collections.abc import Iterable
+from functools import partial
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Response
 
 from chunkserver.catalogue import World
 from chunkserver.grid import ChunkKey, check_key
@@ -13,6 +13,8 @@ from chunkserver.server.chunks import (
     IMMUTABLE,
     NATIVE,
     REVALIDATE,
+    Asked,
+    AskedOfUrl,
     answer,
     check_generator,
     chunk_responses,
@@ -21,7 +23,6 @@ from chunkserver.server.chunks import (
 from chunkserver.server.etag import etag
 from chunkserver.server.openapi import RESOURCE, Responses, header
 from chunkserver.server.parameters import (
-    IfNoneMatch,
     KeyOfUrl,
     WorldAnyQuery,
     WorldChunkQuery,
@@ -33,7 +34,6 @@ from chunkserver.server.parameters import (
     refuse_repeats,
 )
 from chunkserver.server.problems import OldEpoch, OtherGenerator, UnknownRevision, UnknownWorld
-from chunkserver.server.service import Service, ServiceOfApp
 from chunkserver.server.worlds import REVISION_PATTERN, WORLD
 from chunkserver.wire import FORMATS, Encoding
 
@@ -64,11 +64,10 @@ async def native_world_chunk(
     world: WorldId,
     key: KeyOfUrl,
     query: Annotated[WorldNativeQuery, Query()],
-    service: ServiceOfApp,
-    if_none_match: IfNoneMatch = (),
+    asked: AskedOfUrl,
 ) -> Response:
     """One chunk in the native format, as it is by now. An empty chunk is a 204."""
-    return await _answer(service, world, key, query, Encoding(NATIVE, profile=query.profile), if_none_match)
+    return await _answer(asked, world, key, query, Encoding(NATIVE, profile=query.profile))
 
 
 @router.api_route(f"{CHUNK}.glb", methods=RESOURCE, summary="A chunk of a world as GLB", responses=_responses(GLB))
@@ -76,26 +75,23 @@ async def glb_world_chunk(
     world: WorldId,
     key: KeyOfUrl,
     query: Annotated[WorldGlbQuery, Query()],
-    service: ServiceOfApp,
-    if_none_match: IfNoneMatch = (),
+    asked: AskedOfUrl,
 ) -> Response:
     """One chunk as binary glTF, as it is by now. An empty chunk is a valid file without a mesh."""
-    return await _answer(service, world, key, query, Encoding(GLB, frame=query.frame), if_none_match)
+    return await _answer(asked, world, key, query, Encoding(GLB, frame=query.frame))
 
 
 @router.api_route(
     CHUNK, methods=RESOURCE, summary="A chunk of a world, as `Accept` likes", responses=_responses(*FORMATS)
 )
 async def any_world_chunk(
-    request: Request,
     world: WorldId,
     key: KeyOfUrl,
     query: Annotated[WorldAnyQuery, Query()],
-    service: ServiceOfApp,
-    if_none_match: IfNoneMatch = (),
+    asked: AskedOfUrl,
 ) -> Response:
     """One chunk in the format that `Accept` chooses; the native one if it names none that is served."""
-    return await _answer(service, world, key, query, encoding_of(format_of(request), query), if_none_match)
+    return await _answer(asked, world, key, query, encoding_of(format_of(asked.request), query))
 
 
 def revision_headers(world: World, chunk_revision: int, query: WorldChunkQuery) -> dict[str, str]:
@@ -119,20 +115,21 @@ def revision_headers(world: World, chunk_revision: int, query: WorldChunkQuery) 
 
 
 async def _answer(
-    service: Service,
+    asked: Asked,
     name: str,
     key: ChunkKey,
     query: WorldChunkQuery,
     encoding: Encoding,
-    if_none_match: Iterable[str],
 ) -> Response:
-    world = service.worlds.find(name)
+    worlds = asked.service.worlds
+    world = worlds.find(name)
     wanted = _wanted(world, key, query, encoding)  # what is refused anyway is refused at once
-    now = await service.worlds.at_revision(name, query.min_revision)
+    now = await worlds.at_revision(name, query.min_revision)
     if now is not world:
         wanted = _wanted(now, key, query, encoding)
     headers = revision_headers(now, wanted.revision, query)
-    return await answer(service, wanted, etag(wanted, now.epoch), headers, if_none_match)
+    holds = partial(worlds.is_at, name, now.epoch, now.revision)
+    return await answer(asked, wanted, etag(wanted, now.epoch), headers, holds)
 
 
 def _wanted(world: World, key: ChunkKey, query: WorldChunkQuery, encoding: Encoding) -> ChunkRequest:
