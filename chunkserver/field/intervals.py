@@ -60,11 +60,11 @@ def bounds(tape: Tape, box: _Doubles, any_seed: bool = False) -> tuple[int, _Flo
     run(tape.code, tape.numbers, tape.keys, 0, 0, low, 1.0, 1, middle, at_middle, *scratch(), density)
     places, values = np.empty((tape.places, 2)), np.empty((tape.values, 2), np.float32)
     places[:3] = box
-    return _bound(tape.code, tape.numbers, middle, at_middle, any_seed, places, values), values
+    return bound(tape.code, tape.numbers, middle, at_middle, any_seed, places, values), values
 
 
 @kernel
-def _bound(
+def bound(
     code: _Code,
     numbers: _Doubles,
     middle: _Doubles,

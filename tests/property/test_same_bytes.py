@@ -97,5 +97,5 @@ def test_two_cold_starts_at_once_and_another_processor(digests, tmp_path, caplog
     assert functions[0] == 0, "who waits for the lock loads what the other has compiled"
     assert functions[1] == functions[2] > 0
     for folder in ("here", "generic"):
-        files = list((tmp_path / folder / CACHE_DIR.name).rglob("*.nbc"))
+        files = list((tmp_path / folder / CACHE_DIR.name).rglob("*.nbi"))
         assert len(files) == functions[1], "warming has compiled all that a worker runs; a worker compiles nothing"

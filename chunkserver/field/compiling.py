@@ -1,0 +1,34 @@
+"""Compiling the field's kernels without a recipe, so that `chunkserver.worker` can do it in two processes at once."""
+
+from typing import Final
+
+import numpy as np
+
+from chunkserver.field import ops
+from chunkserver.field.interpreter import run
+from chunkserver.field.intervals import bound
+from chunkserver.field.noise.cellular import add_cellular2, add_cellular3
+from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.noise.value import add_value2, add_value3
+from chunkserver.field.tape import INPUTS
+
+_CODE: Final = np.empty((0, ops.COLUMNS), np.int32)
+_NUMBERS: Final = np.zeros(ops.NUMBERS_LONGEST)
+_KEYS: Final = np.empty((0, 3), np.uint32)
+"""A tape without an instruction."""
+
+
+def compile_interpreter() -> None:
+    """Compile, or load from disk, what samples chunks: two thirds of all compiling."""
+    places, values, density = np.zeros((INPUTS, 1)), np.zeros((1, 1), np.float32), np.empty((1, 1), np.float32)
+    run(_CODE, _NUMBERS, _KEYS, 0, 0, np.zeros(3), 1.0, 1, places, values, *scratch(), density)
+
+
+def compile_beside() -> None:
+    """Compile meanwhile the noises that the interpreter comes to last, and the bounds, which it does not need."""
+    at, keys = np.zeros(1), np.zeros(3, np.uint32)
+    below, out = np.zeros((2, 1), np.float32)
+    for add_noise in (add_value2, add_value3, add_cellular2, add_cellular3):
+        add_noise(at, at, at, _NUMBERS, keys, below, out, *scratch())
+    values = np.zeros((1, 2), np.float32)
+    bound(_CODE, _NUMBERS, np.zeros((INPUTS, 1)), np.zeros((1, 1), np.float32), False, np.zeros((INPUTS, 2)), values)
