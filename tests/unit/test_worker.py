@@ -3,6 +3,7 @@
 import io
 import os
 import socket
+import sys
 import threading
 from contextlib import contextmanager
 
@@ -119,6 +120,8 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setattr(worker, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(worker, "CACHE_DIR", tmp_path / "kernels-now")
     monkeypatch.setattr(worker, "build_chunk", lambda _request: None)
+    monkeypatch.setattr(worker, "compile_interpreter", lambda: None)
+    monkeypatch.setattr(worker, "COMPILE_REST", (sys.executable, "-c", ""))
     return tmp_path
 
 
@@ -127,7 +130,7 @@ def test_warming_counts_what_it_compiled(cache, monkeypatch):
 
     def build(request):
         built.append(request)
-        (cache / "kernels-now" / f"{len(built)}.nbc").touch()
+        (cache / "kernels-now" / f"{len(built)}.nbi").touch()
 
     monkeypatch.setattr(worker, "build_chunk", build)
     warmth = worker.warm()
@@ -147,3 +150,15 @@ def test_warming_forgets_the_oldest_folders_and_nothing_else(cache):
     kept = {path.name for path in cache.iterdir()} - {"warm.lock", "of-somebody-else"}
     assert kept == {"kernels-now", *(f"kernels-{age}" for age in range(worker.CACHE_FOLDERS_MAX - 1))}
     assert (cache / "of-somebody-else").is_dir()
+
+
+def test_the_first_start_compiles_in_two_processes_and_needs_neither(cache, monkeypatch):
+    """What fails beside is compiled by the requests; what is compiled already is not compiled beside."""
+    (cache / "kernels-now").mkdir()
+    beside = cache / "beside"
+    command = f"open({str(beside)!r}, 'a').write('x'); raise SystemExit(1)"
+    monkeypatch.setattr(worker, "COMPILE_REST", (sys.executable, "-c", command))
+    monkeypatch.setattr(worker, "compile_interpreter", (cache / "kernels-now" / "run.nbi").touch)
+    assert worker.warm().compiled == 1
+    assert worker.warm().compiled == 0
+    assert beside.read_text() == "x"
