@@ -2,13 +2,30 @@
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable
-from typing import Final
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
+from typing import Any, Final
 
 from chunkserver.pipeline import Chunk
 
 ENTRY_BYTES: Final = 512
 """What an entry costs besides its body: key, chunk, list and table slots. An upper bound, held by its unit test."""
+
+
+Build = Callable[[Callable[[], None]], Awaitable[Chunk]]
+"""Builds one chunk; calls its argument when the work has begun, from when on it is worth finishing."""
+
+
+class _Building:
+    """One build in flight, and how many wait for it."""
+
+    def __init__(self, run: Callable[["_Building"], Coroutine[Any, Any, Chunk]]) -> None:
+        self.waiters = 0
+        self.begun = False
+        self.task = asyncio.create_task(run(self))
+
+    def begin(self) -> None:
+        self.begun = True
 
 
 class ChunkCache:
@@ -27,7 +44,7 @@ class ChunkCache:
         self.hits = 0
         self.misses = 0
         self._kept: OrderedDict[str, Chunk] = OrderedDict()
-        self._building: dict[str, asyncio.Task[Chunk]] = {}
+        self._building: dict[str, _Building] = {}
 
     def find(self, key: str) -> Chunk | None:
         """Return the chunk named `key` if it is kept, or None. It counts as a hit, and as used."""
@@ -37,10 +54,11 @@ class ChunkCache:
             self._kept.move_to_end(key)
         return kept
 
-    async def get_or_build(self, key: str, build: Callable[[], Awaitable[Chunk]]) -> Chunk:
+    async def get_or_build(self, key: str, build: Build) -> Chunk:
         """Return the chunk named `key`, building it at most once however many ask.
 
-        A caller that is cancelled does not cancel the build: others may wait for it. Raises what `build` raises, to
+        A caller that is cancelled does not cancel the build: others may wait for it. When the last one leaves, a build
+        that has not begun is cancelled; one that has begun goes on into the cache. Raises what `build` raises, to
         everyone who waits; a failure is not kept.
         """
         kept = self.find(key)
@@ -49,16 +67,27 @@ class ChunkCache:
         building = self._building.get(key)
         if building is None:
             self.misses += 1
-            building = self._building[key] = asyncio.create_task(self._build(key, build))
+            building = self._building[key] = _Building(partial(self._build, key, build))
         else:
             self.hits += 1
-        return await asyncio.shield(building)
-
-    async def _build(self, key: str, build: Callable[[], Awaitable[Chunk]]) -> Chunk:
+        building.waiters += 1
         try:
-            chunk = await build()
+            return await asyncio.shield(building.task)
         finally:
-            del self._building[key]
+            building.waiters -= 1
+            self._drop_unwanted(key, building)
+
+    def _drop_unwanted(self, key: str, building: _Building) -> None:
+        if not (building.waiters or building.begun or building.task.done()):
+            del self._building[key]  # at once: who comes now must not join what is being cancelled
+            building.task.cancel()
+
+    async def _build(self, key: str, build: Build, building: _Building) -> Chunk:
+        try:
+            chunk = await build(building.begin)
+        finally:
+            if self._building.get(key) is building:
+                del self._building[key]
         self._keep(key, chunk)
         return chunk
 

@@ -13,6 +13,7 @@ from chunkserver.server.accept import preferred
 from chunkserver.server.etag import is_known
 from chunkserver.server.openapi import Responses, header, problem_responses
 from chunkserver.server.parameters import IfNoneMatch
+from chunkserver.server.presence import while_there
 from chunkserver.server.problems import OldGenerator
 from chunkserver.server.service import Service, ServiceOfApp
 from chunkserver.wire import ENCODING_DEFAULT, FORMATS
@@ -24,6 +25,8 @@ NATIVE: Final = "mesh"
 GLB: Final = "glb"
 WITHOUT_BODY: Final = ENCODING_DEFAULT.format
 """The format in which an empty chunk is a 204. In the others it is a file without geometry."""
+CLIENT_LEFT: Final = 499
+"""Of an answer that nobody is there to read."""
 
 MEDIA_TYPES: Final = {row.media_type: row.name for row in FORMATS.values()}
 TO_BUILD: Final = (Unavailable, DeadlinePassed, Overloaded, WorkerLost)
@@ -95,7 +98,12 @@ async def _answer(asked: Asked, wanted: ChunkRequest, tag: str, sent: dict[str, 
     if is_known(asked.if_none_match, tag):
         return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=sent)
     service = asked.service
-    chunk = await service.cache.get_or_build(tag, partial(service.pool.build, wanted))
+    chunk = service.cache.find(tag)
+    if chunk is None:
+        building = service.cache.get_or_build(tag, partial(service.pool.build, wanted))
+        chunk = await while_there(asked.request.receive, building)
+    if chunk is None:
+        return Response(status_code=CLIENT_LEFT)
     sent["Chunk-Content"] = chunk.content
     if chunk.content != "surface" and wanted.encoding.format == WITHOUT_BODY:
         return Response(status_code=HTTPStatus.NO_CONTENT, headers=sent)

@@ -13,7 +13,7 @@ Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -79,8 +79,15 @@ class Pool:
         """Begin to start the workers. Returns at once: `ready` tells when they are there."""
         self._supervisor = asyncio.create_task(self._supervise())
 
-    async def build(self, request: ChunkRequest) -> Chunk:
-        """Return what `build_chunk` returns, made by a worker.
+    @property
+    def waiting(self) -> int:
+        """How many jobs wait for a worker."""
+        return len(self._waiting)
+
+    async def build(self, request: ChunkRequest, begun: Callable[[], None] = lambda: None) -> Chunk:
+        """Return what `build_chunk` returns, made by a worker. Cancelled before it calls `begun`, it leaves the queue.
+
+        begun: called when a worker gets the request, and once more if that worker is lost.
 
         Raises what `build_chunk` raises; `Overloaded`, `DeadlinePassed`, `WorkerLost`, or `Unavailable` while the pool
         closes; plain `ChunkError` for a fault of ours, which is in the log.
@@ -89,7 +96,7 @@ class Pool:
             raise Unavailable("the server is stopping")
         if len(self._waiting) >= self._limits.jobs_waiting:
             raise Overloaded(f"{len(self._waiting)} requests are waiting for a worker", waiting=len(self._waiting))
-        job = Job.of(request)
+        job = Job.of(request, begun)
         self._waiting.append(job)
         self._give_out()
         try:
@@ -113,7 +120,9 @@ class Pool:
 
     def _give_out(self) -> None:
         while self._waiting and self._idle:
-            self._idle.pop().give(self._waiting.popleft(), self._limits.build_seconds)
+            job = self._waiting.popleft()
+            job.begun()
+            self._idle.pop().give(job, self._limits.build_seconds)
 
     def _worker_idle(self, worker: Worker) -> None:
         self._idle.append(worker)

@@ -1,5 +1,6 @@
 """What every route shares: the workers, the cache, the posted recipes and the worlds, found on the application."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Protocol
 
@@ -22,8 +23,8 @@ class Builder(Protocol):
     async def start(self) -> None:
         """Begin to get ready; returns at once."""
 
-    async def build(self, request: ChunkRequest) -> Chunk:
-        """Build one chunk; raises `ChunkError`."""
+    async def build(self, request: ChunkRequest, begun: Callable[[], None]) -> Chunk:
+        """Build one chunk; raises `ChunkError`. Calls `begun` when it is no longer only waiting."""
 
     async def close(self) -> None:
         """End every worker process."""

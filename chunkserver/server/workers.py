@@ -53,17 +53,21 @@ class BuildFault(ChunkError):
 
 @dataclass(eq=False, slots=True)
 class Job:
-    """One request on its way through the workers. `losses` counts the workers that were lost with it."""
+    """One request on its way through the workers.
+
+    begun: to be called when a worker gets it. losses: counts the workers that were lost with it.
+    """
 
     request: ChunkRequest
     frame: bytes
     answer: asyncio.Future[Chunk]
+    begun: Callable[[], None]
     losses: int = 0
 
     @classmethod
-    def of(cls, request: ChunkRequest) -> "Job":
+    def of(cls, request: ChunkRequest, begun: Callable[[], None] = lambda: None) -> "Job":
         """Return a new job. Raises `WireError` if the request is too large for a frame."""
-        return cls(request, pack(request, REQUEST_BYTES_MAX), asyncio.get_running_loop().create_future())
+        return cls(request, pack(request, REQUEST_BYTES_MAX), asyncio.get_running_loop().create_future(), begun)
 
     def settle(self, answer: Answer) -> None:
         """Give the caller, if still there, what a worker said."""

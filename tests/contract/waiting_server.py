@@ -6,6 +6,7 @@ Run as `python -m tests.contract.waiting_server FILE [SECONDS]`: a stop waits th
 import asyncio
 import logging
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from unittest import mock
 
@@ -26,7 +27,8 @@ class WaitingPool:
     async def close(self) -> None:
         logging.getLogger("tests").info("closed")
 
-    async def build(self, request: ChunkRequest) -> Chunk:
+    async def build(self, request: ChunkRequest, begun: Callable[[], None]) -> Chunk:
+        begun()
         if request.recipe.seed == -1:
             raise ValueError("a fault of the server")
         logging.getLogger("tests").info("building")

@@ -1,6 +1,6 @@
 """A pool without processes: it counts, answers at once, and fails when told to."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -28,7 +28,8 @@ class StubPool:
     async def close(self) -> None:
         self.life.append("close")
 
-    async def build(self, request: ChunkRequest) -> Chunk:
+    async def build(self, request: ChunkRequest, begun: Callable[[], None]) -> Chunk:
+        begun()
         self.built.append(request)
         if self.error is not None:
             raise self.error

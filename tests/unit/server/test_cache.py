@@ -14,9 +14,12 @@ class Oven:
         self.size, self.error, self.builds = size, error, 0
         self.heat = asyncio.Event()
         self.heat.set()
+        self.lit = True
 
-    async def build(self):
+    async def build(self, begun):
         self.builds += 1
+        if self.lit:
+            begun()
         await self.heat.wait()
         if self.error:
             raise self.error
@@ -102,6 +105,52 @@ def test_a_caller_who_leaves_takes_the_build_from_nobody():
         oven.heat.set()
         assert (await second).body == bytes(100)
         assert first.cancelled()
+        assert oven.builds == 1
+
+    asyncio.run(scenario())
+
+
+async def leave(caller):
+    caller.cancel()
+    await asyncio.wait([caller])
+
+
+def test_the_last_who_leaves_cancels_a_build_that_has_not_begun():
+    async def scenario():
+        cache, oven = ChunkCache(room_for(9)), Oven()
+        oven.heat.clear()
+        oven.lit = False
+        callers = [asyncio.create_task(cache.get_or_build("a", oven.build)) for _ in range(3)]
+        await asyncio.sleep(0)
+        for caller in callers[:-1]:
+            await leave(caller)
+        later = asyncio.create_task(cache.get_or_build("a", oven.build))
+        await asyncio.sleep(0)
+        assert (oven.builds, cache.misses) == (1, 1)
+        await leave(later)
+        callers[-1].cancel()
+        another = asyncio.create_task(cache.get_or_build("a", oven.build))  # comes while the build is being cancelled
+        await asyncio.wait([callers[-1]])
+        oven.heat.set()
+        assert (await another).body == bytes(100)
+        assert (oven.builds, cache.misses) == (2, 2)
+        assert len(asyncio.all_tasks()) == 1
+
+    asyncio.run(scenario())
+
+
+def test_a_build_that_has_begun_goes_on_into_the_cache():
+    async def scenario():
+        cache, oven = ChunkCache(room_for(9)), Oven()
+        oven.heat.clear()
+        caller = asyncio.create_task(cache.get_or_build("a", oven.build))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        await leave(caller)
+        assert cache.find("a") is None
+        oven.heat.set()
+        assert (await cache.get_or_build("a", oven.build)).body == bytes(100)
+        assert cache.find("a") is not None
         assert oven.builds == 1
 
     asyncio.run(scenario())

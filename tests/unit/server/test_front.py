@@ -47,8 +47,8 @@ def world_w(seed=42, epoch="abc", revision=0):
 class Terrain(StubPool):
     """The chunks at y = 1 are air."""
 
-    async def build(self, request):
-        await super().build(request)
+    async def build(self, request, begun):
+        await super().build(request, begun)
         return Chunk("air", b"nothing") if request.key.y else Chunk("surface", repr(request).encode())
 
 
