@@ -6,9 +6,12 @@ machine with the server and its workers. CPU time is per request; the server's i
 - Cold: every request is for another chunk at the surface of `terrain`; some are empty.
 - Warm: the same 64 chunks, all with a surface, again and again, out of the server's memory.
 - 304: the same with `If-None-Match`.
+- Bare ASGI: an application that only looks the path up, on the same HTTP server, with the same headers and bytes. How
+  many times ours it is stands behind its figures.
 """
 
 import itertools
+import pickle
 import random
 import tempfile
 import time
@@ -20,6 +23,7 @@ from typing import Final, NamedTuple
 
 import httpx2
 
+from benchmarks.bare import learn
 from benchmarks.load import Load, Request, send
 from benchmarks.measure import MS, US, Figure, Line, Scale, in_turns
 from benchmarks.scenes import SCENES, SEED, layers, prepare
@@ -30,6 +34,9 @@ WORKERS: Final = (1, 2)
 CONNECTIONS: Final = 16
 SIDE: Final = 200
 """Chunks a side of the two layers, 80,000 chunks, that cold requests are taken from."""
+
+BARE: Final = ", bare ASGI"
+COMPARED: Final = ("requests", "server CPU")
 
 
 class Turn(NamedTuple):
@@ -58,9 +65,19 @@ def run(scale: Scale) -> Iterator[Line]:
             workers: stack.enter_context(serving(folder / f"{workers}.log", "--workers", str(workers)))
             for workers in WORKERS
         }
-        results = in_turns(_cold(servers, scale) | _warm(servers[max(WORKERS)], scale), scale.rounds)
+        ours = servers[max(WORKERS)]
+        plain = [chunk_request(chunk.request.key) for chunk in prepare(SCENES["terrain surface"], scale.chunks)]
+        with httpx2.Client(base_url=ours.url) as client:
+            answers = folder / "answers"
+            answers.write_bytes(pickle.dumps(learn(client, [path for path, _ in plain])))
+            tagged = [Request(path, client.get(path).raise_for_status().headers["etag"]) for path, _ in plain]
+        bare = stack.enter_context(serving(folder / "bare.log", str(answers), program=("-m", "benchmarks.bare")))
+        kinds = {"warm": plain, "304": tagged}
+        warm = _warm(ours, kinds, scale) | _warm(bare, {f"{kind}{BARE}": kinds[kind] for kind in kinds}, scale)
+        results = in_turns(_cold(servers, scale) | warm, scale.rounds)
     for subject, turns in results.items():
-        yield Line(subject, tuple(_figure(name, unit, turns) for name, unit in FIGURES))
+        ours_turns = results[subject.replace(BARE, "")] if BARE in subject else []
+        yield Line(subject, tuple(_figure(name, unit, turns, ours_turns) for name, unit in FIGURES))
 
 
 def _cold(servers: dict[int, Server], scale: Scale) -> dict[str, Callable[[], Turn]]:
@@ -79,16 +96,13 @@ def _fresh_turn(server: Server, unasked: Iterator[Request], count: int) -> Turn:
     return _turn(server, list(itertools.islice(unasked, count)), CONNECTIONS)
 
 
-def _warm(server: Server, scale: Scale) -> dict[str, Callable[[], Turn]]:
+def _warm(server: Server, kinds: dict[str, list[Request]], scale: Scale) -> dict[str, Callable[[], Turn]]:
     """Return the candidates that ask for the same chunks again and again."""
-    plain = [chunk_request(chunk.request.key) for chunk in prepare(SCENES["terrain surface"], scale.chunks)]
-    with httpx2.Client(base_url=server.url) as client:
-        tagged = [Request(path, client.get(path).raise_for_status().headers["etag"]) for path, _ in plain]
     return {
         f"{name}, {connections} connection{'s' * (connections > 1)}": partial(
             _turn, server, list(itertools.islice(itertools.cycle(requests), scale.warm_requests)), connections
         )
-        for name, requests in (("warm", plain), ("304", tagged))
+        for name, requests in kinds.items()
         for connections in (CONNECTIONS, 1)
     }
 
@@ -111,5 +125,7 @@ def _cpu_seconds(pid: int) -> float:
     return time.clock_gettime(~pid << 3 | 2)
 
 
-def _figure(name: str, unit: str, turns: Sequence[Turn]) -> Figure:
-    return Figure(name, unit, tuple(map(FIGURES[name, unit], turns)))
+def _figure(name: str, unit: str, turns: Sequence[Turn], ours: Sequence[Turn]) -> Figure:
+    value = FIGURES[name, unit]
+    ratios = tuple(value(a) / value(b) for a, b in zip(turns, ours, strict=True)) if ours and name in COMPARED else ()
+    return Figure(name, unit, tuple(map(value, turns)), ratios)
