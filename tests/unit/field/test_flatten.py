@@ -253,7 +253,7 @@ def test_no_recipe_compiles_anything():
     """Whatever the recipe, it is the same code that runs: a first chunk waits for no compiler."""
     sample(recipe(Y), ChunkKey(0, 0, 0, 0), SHAPE)
     prove(recipe(Y), ChunkKey(0, 0, 0, 0), SHAPE)
-    kernels = interpreter.run, intervals._bound
+    kernels = interpreter.run, intervals.bound
     compiled = [len(getattr(kernel, "signatures")) for kernel in kernels]  # noqa: B009 - a type checker knows no kernel
     for name in BUILTINS:
         for lod in (0, 3):
