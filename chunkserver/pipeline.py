@@ -8,7 +8,7 @@ Pure: the same request gives the same bytes in a worker process, in a test, on a
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from chunkserver.errors import BadParameter
@@ -18,7 +18,7 @@ from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.mesh import EMPTY, Content, Mesh
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
-from chunkserver.wire import ENCODING_DEFAULT, Encoding, Placement, check_encodable, encode
+from chunkserver.wire import Encoding, Placement, check_encodable, encode
 
 SEAMS_BUILT: Final = ("transitions", "none")
 SEAM_DEFAULT: Final = "transitions"
@@ -42,7 +42,7 @@ class ChunkRequest:
     coarser: int = 0
     seam: str = SEAM_DEFAULT
     revision: int = 0
-    encoding: Encoding = ENCODING_DEFAULT
+    encoding: Encoding = field(default_factory=Encoding)
 
 
 @dataclass(frozen=True, slots=True)

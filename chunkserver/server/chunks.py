@@ -16,14 +16,14 @@ from chunkserver.server.parameters import IfNoneMatch
 from chunkserver.server.presence import while_there
 from chunkserver.server.problems import OldGenerator
 from chunkserver.server.service import Service, ServiceOfApp
-from chunkserver.wire import ENCODING_DEFAULT, FORMATS
+from chunkserver.wire import FORMATS, Encoding
 
 REVALIDATE: Final = "no-cache"
 IMMUTABLE: Final = "public, max-age=31536000, immutable"
 VARY: Final = "Accept, Accept-Encoding"
 NATIVE: Final = "mesh"
 GLB: Final = "glb"
-WITHOUT_BODY: Final = ENCODING_DEFAULT.format
+WITHOUT_BODY: Final = Encoding().format
 """The format in which an empty chunk is a 204. In the others it is a file without geometry."""
 CLIENT_LEFT: Final = 499
 """Of an answer that nobody is there to read."""

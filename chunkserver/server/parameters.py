@@ -17,7 +17,7 @@ from chunkserver.mesher import MESHER_DEFAULT, MESHERS
 from chunkserver.pipeline import SEAM_DEFAULT, SEAMS_BUILT, ChunkRequest, check_request
 from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe
 from chunkserver.server.posted import DIGEST_PATTERN, PostedRecipes, source_of
-from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding
+from chunkserver.wire import FORMATS, Encoding
 
 DECIMAL: Final = "0|-?[1-9][0-9]{0,18}"
 """The one way to write a 64-bit integer, so that a resource has one URL: no plus sign, leading zero or minus zero."""
@@ -132,7 +132,7 @@ class NativeQuery(ChunkQuery):
     """Parameters of a chunk in the native format."""
 
     profile: str = Field(
-        ENCODING_DEFAULT.profile,
+        Encoding().profile,
         description="Native format only: how positions and normals are written.",
         json_schema_extra=_one_of(name for row in FORMATS.values() for name in row.profiles),
     )
@@ -142,7 +142,7 @@ class GlbQuery(ChunkQuery):
     """Parameters of a chunk as GLB."""
 
     frame: str = Field(
-        ENCODING_DEFAULT.frame,
+        Encoding().frame,
         description="GLB only: where the node puts the chunk. `chunk`: its low corner is the origin.",
         json_schema_extra=_one_of(name for row in FORMATS.values() for name in row.frames),
     )

@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 from chunkserver.errors import BadParameter
 from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.mesh import NormalKind
+from chunkserver.wire.coding import CODING_DEFAULT
 
 VOXEL_SIZE_MIN: Final = 2.0**-20
 """Metres. Between the two limits every length in a file is 0 or a normal number, as float32 or as float64."""
@@ -15,24 +16,23 @@ COARSER_MAX: Final = 63
 
 
 class Encoding(NamedTuple):
-    """How a mesh is written. A field that does not apply to the format holds its default.
+    """How a mesh is written; `Encoding()` is the default. A field that does not apply to the format holds its own.
 
     format: a row of `FORMATS`.
     profile: "std" (lattice positions, normals as bytes), or "f32" (float32 metres and normals, 32-bit indices).
     frame: where a GLB's node puts the chunk: "world", or "chunk" (the origin is the chunk's low corner).
+    coding: a row of `CODINGS`, applied to the finished file.
     """
 
     format: str = "mesh"
     profile: str = "std"
     frame: str = "world"
+    coding: str = CODING_DEFAULT
 
     @property
     def normals(self) -> NormalKind:
         """The kind of normals that a mesh must have to be written so."""
         return "float32" if self.profile == "f32" else "int8"
-
-
-ENCODING_DEFAULT: Final = Encoding()
 
 
 class Placement(NamedTuple):

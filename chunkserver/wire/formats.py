@@ -7,7 +7,8 @@ from chunkserver.errors import BadParameter
 from chunkserver.mesh import Mesh
 from chunkserver.wire import gltf, native
 from chunkserver.wire.buffers import check_mesh
-from chunkserver.wire.encoding import ENCODING_DEFAULT, Encoding, Placement, check_placement
+from chunkserver.wire.coding import CODINGS
+from chunkserver.wire.encoding import Encoding, Placement, check_placement
 
 
 class Format(NamedTuple):
@@ -32,6 +33,8 @@ _ROWS: Final = (
 )
 FORMATS: Final = {row.name: row for row in _ROWS}
 
+ENCODING_DEFAULT: Final = Encoding()
+
 assert all(ENCODING_DEFAULT.profile in row.profiles and ENCODING_DEFAULT.frame in row.frames for row in _ROWS)
 
 
@@ -40,6 +43,8 @@ def check_encodable(placement: Placement, encoding: Encoding) -> None:
     check_placement(placement)
     if encoding.format not in FORMATS:
         raise BadParameter(f"format is {encoding.format!r}; built are {list(FORMATS)}", format=encoding.format)
+    if encoding.coding not in CODINGS:
+        raise BadParameter(f"coding is {encoding.coding!r}; built are {list(CODINGS)}", coding=encoding.coding)
     row = FORMATS[encoding.format]
     for field, value, built in (("profile", encoding.profile, row.profiles), ("frame", encoding.frame, row.frames)):
         if value not in built:
@@ -48,13 +53,15 @@ def check_encodable(placement: Placement, encoding: Encoding) -> None:
 
 
 def encode(mesh: Mesh, placement: Placement, encoding: Encoding = ENCODING_DEFAULT) -> bytes:
-    """Return the bytes of `mesh` in the format, profile and frame of `encoding`. The same input gives the same bytes.
+    """Return the bytes of `mesh` in the format, profile and frame of `encoding`, coded as it says.
 
-    An empty mesh is no error: it gives a valid file without geometry.
+    The same input gives the same bytes: without a coding on any machine, with one wherever the coding has the same
+    `version`. An empty mesh is no error: it gives a valid file without geometry.
 
     Raises `WireError` for a mesh that the format cannot hold (wrong dtypes for the profile, an index without its
     vertex, too many vertices), and what `check_encodable` raises.
     """
     check_encodable(placement, encoding)
     check_mesh(mesh, encoding.normals)
-    return FORMATS[encoding.format].encode(mesh, placement, encoding)
+    file = FORMATS[encoding.format].encode(mesh, placement, encoding)
+    return CODINGS[encoding.coding].apply(file)

@@ -5,7 +5,7 @@ import pytest
 from chunkserver.errors import BadKey, BadParameter
 from chunkserver.grid import ChunkKey
 from chunkserver.mesh import EMPTY
-from chunkserver.wire import ENCODING_DEFAULT, FORMATS, Encoding, Placement, check_encodable, encode
+from chunkserver.wire import FORMATS, Encoding, Placement, check_encodable, encode
 from tests.unit.wire.meshes import PLACEMENT, strip
 
 BUILT = [
@@ -14,7 +14,7 @@ BUILT = [
 
 
 def test_the_default_is_the_first_row():
-    assert ENCODING_DEFAULT == Encoding("mesh", "std", "world") == BUILT[0]
+    assert Encoding() == Encoding("mesh", "std", "world") == BUILT[0]
 
 
 def test_rows():
@@ -86,8 +86,8 @@ def test_a_key_outside_the_world():
 
 
 def test_limits_of_a_placement_are_inside():
-    check_encodable(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 63), ENCODING_DEFAULT)
-    check_encodable(Placement(ChunkKey(0, -(2**36), 0, 2**36 - 1), 16, 2.0**-20, 0, 0), ENCODING_DEFAULT)
+    check_encodable(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 63), Encoding())
+    check_encodable(Placement(ChunkKey(0, -(2**36), 0, 2**36 - 1), 16, 2.0**-20, 0, 0), Encoding())
 
 
 @pytest.mark.parametrize("encoding", BUILT)
