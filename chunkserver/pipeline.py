@@ -8,8 +8,9 @@ Pure: the same request gives the same bytes in a worker process, in a test, on a
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from chunkserver.errors import BadParameter
 from chunkserver.field import prove, sample
@@ -22,12 +23,14 @@ from chunkserver.wire import Encoding, Placement, check_encodable, encode
 
 SEAMS_BUILT: Final = ("transitions", "none")
 SEAM_DEFAULT: Final = "transitions"
+STAGES: Final = ("field", "mesh", "encode")
+"""In this order. A chunk that is proved to be empty has no mesh stage."""
 GENERATOR_BYTES: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
 class ChunkRequest:
-    """Everything that one chunk's bytes depend on, and nothing else. Hashable; cheap to send to a worker.
+    """Everything that one chunk's bytes depend on, and nothing else. Hashable; cheap to send to a worker in a pickle.
 
     coarser: mask of the faces whose neighbour is one LOD coarser, bits -x +x -y +y -z +z = 1 2 4 8 16 32.
     revision: the chunk's own last edit, 0 for a pristine chunk.
@@ -43,6 +46,17 @@ class ChunkRequest:
     seam: str = SEAM_DEFAULT
     revision: int = 0
     encoding: Encoding = field(default_factory=Encoding)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle plain values: a fifth of the time that a dataclass takes by itself."""
+        recipe = self.recipe
+        rest = self.cells, self.voxel_size, self.mesher, self.coarser, self.seam, self.revision
+        return _request, (recipe.seed, recipe.source, tuple(self.key), rest, tuple(self.encoding))
+
+
+def _request(seed: int, source: str, key: Any, rest: Any, encoding: Any) -> ChunkRequest:
+    values: tuple[Any, ...] = (WorldRecipe(seed, source), ChunkKey(*key), *rest, Encoding(*encoding))
+    return ChunkRequest(*values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,20 +90,26 @@ def check_request(request: ChunkRequest) -> None:
     check_encodable(_placement(request), request.encoding)
 
 
-def build_chunk(request: ChunkRequest) -> Chunk:
+def build_chunk(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Chunk:
     """Return the chunk that `request` names. An empty chunk is no error.
+
+    stage: called with the name of each of `STAGES` when it begins. What it raises ends the build.
 
     Raises what `check_request` raises, and `BadRecipe` for a recipe that needs too many registers or is not finite.
     """
     check_request(request)
+    stage("field")
     shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
     proven = prove(request.recipe, request.key, shape)
-    mesh = EMPTY[proven] if proven else _surface(request, shape)
+    mesh = EMPTY[proven] if proven else _surface(request, shape, stage)
+    stage("encode")
     return Chunk(mesh.content, encode(mesh, _placement(request), request.encoding))
 
 
-def _surface(request: ChunkRequest, shape: ChunkShape) -> Mesh:
-    return extract(sample(request.recipe, request.key, shape), request.mesher, request.encoding.normals)
+def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], object]) -> Mesh:
+    samples = sample(request.recipe, request.key, shape)
+    stage("mesh")
+    return extract(samples, request.mesher, request.encoding.normals)
 
 
 def _placement(request: ChunkRequest) -> Placement:

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from chunkserver import pipeline
-from chunkserver.errors import BadKey, BadParameter, BadRecipe
+from chunkserver.errors import BadKey, BadParameter, BadRecipe, DeadlinePassed
 from chunkserver.field import sample
 from chunkserver.grid import ChunkKey, ChunkShape
 from chunkserver.mesher import extract
-from chunkserver.pipeline import ChunkRequest, build_chunk, check_request, generator
+from chunkserver.pipeline import STAGES, ChunkRequest, build_chunk, check_request, generator
 from chunkserver.recipe import WorldRecipe, builtin, canonical
 from chunkserver.wire import Encoding, Placement, encode
 from tests.worlds import crowded
@@ -93,6 +93,33 @@ def test_the_same_request_gives_the_same_bytes(cells, encoding):
     assert copy == request
     assert hash(copy) == hash(request)
     assert build_chunk(copy) == build_chunk(request)
+
+
+def test_a_pickle_keeps_every_field():
+    full = ChunkRequest(TERRAIN, REQUEST.key, 16, 0.5, "m", 3, "s", 9, Encoding("f", "p", "r", "c"))
+    assert all(getattr(full, field.name) != getattr(REQUEST, field.name) for field in fields(full)[2:])
+    assert pickle.loads(pickle.dumps(full)) == full
+
+
+@pytest.mark.parametrize(("y", "stages"), [(-1, STAGES), (9, ("field", "encode"))])
+def test_each_stage_is_told_of_when_it_begins(y, stages):
+    told: list[str] = []
+    assert build_chunk(replace(REQUEST, key=ChunkKey(0, 0, y, 0)), told.append).body
+    assert tuple(told) == stages
+
+
+@pytest.mark.parametrize("last", STAGES)
+def test_who_is_told_of_a_stage_may_end_the_build(last):
+    told: list[str] = []
+
+    def stage(name: str) -> None:
+        told.append(name)
+        if name == last:
+            raise DeadlinePassed("too late")
+
+    with pytest.raises(DeadlinePassed):
+        build_chunk(REQUEST, stage)
+    assert told[-1] == last
 
 
 OTHER: dict[str, Any] = {
