@@ -91,6 +91,38 @@ class NotJson(ChunkError):
     """The body is of another media type than JSON."""
 
 
+class MalformedHttp(ChunkError):
+    """What came over the connection is not HTTP."""
+
+
+class HeadTooSlow(ChunkError):
+    """The head of a request did not arrive in time."""
+
+
+class UrlTooLong(ChunkError):
+    """The URL is over its limit."""
+
+
+class HeadTooLarge(ChunkError):
+    """The head of a request has too many bytes, or too many fields."""
+
+
+class TooManyConnections(Unavailable):
+    """As many connections are open as may be, and none of them can be given up."""
+
+
+class KeyNeeded(ChunkError):
+    """The request needs an API key and has none."""
+
+
+class UnknownKey(ChunkError):
+    """The request has an API key that is not known here."""
+
+
+class ScopeNeeded(ChunkError):
+    """The API key is good, but not for this."""
+
+
 class BodyTooLarge(ChunkError):
     """The body is over its limit; what is left of it is not read."""
 
@@ -119,6 +151,14 @@ PROBLEMS: Final[dict[type[Exception] | int, Problem]] = {
     BodyTooSlow: Problem(408, "body-too-slow", "The body did not arrive in time"),
     BodyTooLarge: Problem(413, "body-too-large", "The body is over its limit"),
     NotJson: Problem(415, "not-json", "The body is not JSON"),
+    MalformedHttp: Problem(400, "malformed-http", "The request is not HTTP"),
+    HeadTooSlow: Problem(408, "head-too-slow", "The head of the request did not arrive in time"),
+    UrlTooLong: Problem(414, "url-too-long", "The URL is over its limit"),
+    HeadTooLarge: Problem(431, "head-too-large", "The head of the request is over its limits"),
+    TooManyConnections: Problem(503, "too-many-connections", "Too many connections are open", RETRY_SOON_SECONDS),
+    KeyNeeded: Problem(401, "key-needed", "This needs an API key"),
+    UnknownKey: Problem(401, "unknown-key", "The API key is not known here"),
+    ScopeNeeded: Problem(403, "scope-needed", "The API key is not good for this"),
     StoreFull: Problem(507, "store-full", "There is no room for another world"),
     404: Problem(404, "not-found", "Nothing is here"),
     405: Problem(405, "method-not-allowed", "The resource does not have this method"),

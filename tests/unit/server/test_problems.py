@@ -13,14 +13,22 @@ from chunkserver.server.problems import (
     VALUES_MAX,
     BodyTooLarge,
     BodyTooSlow,
+    HeadTooLarge,
+    HeadTooSlow,
+    KeyNeeded,
+    MalformedHttp,
     NotJson,
     OldEpoch,
     OldGenerator,
     OtherGenerator,
     Problem,
+    ScopeNeeded,
+    TooManyConnections,
+    UnknownKey,
     UnknownRecipe,
     UnknownRevision,
     UnknownWorld,
+    UrlTooLong,
     WorldExists,
     install,
 )
@@ -29,7 +37,8 @@ from chunkserver.server.workers import BuildFault
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.ChunkError)]
 OF_HTTP = (
     *(OldGenerator, OldEpoch, OtherGenerator, UnknownRecipe, UnknownRevision, UnknownWorld, WorldExists),
-    *(BodyTooSlow, BodyTooLarge, NotJson),
+    *(BodyTooSlow, BodyTooLarge, NotJson, MalformedHttp, HeadTooSlow, HeadTooLarge, UrlTooLong, TooManyConnections),
+    *(KeyNeeded, UnknownKey, ScopeNeeded),
 )
 SECRET = "the path of a file"
 
