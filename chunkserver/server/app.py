@@ -7,12 +7,15 @@ from operator import attrgetter
 from typing import Final
 
 from fastapi import FastAPI
+from starlette.types import Receive, Scope, Send
 
 from chunkserver import __version__
 from chunkserver.catalogue import Catalogue
-from chunkserver.server import health, landing, openapi, problems, recipes, seeds, world_chunks, worlds
+from chunkserver.server import batch, health, landing, openapi, problems, recipes, seeds, world_chunks, worlds
+from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
-from chunkserver.server.front import Answers, Front
+from chunkserver.server.cors import Cors, CorsLayer
+from chunkserver.server.front import Front
 from chunkserver.server.pool import LIMITS_DEFAULT, Pool
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.service import Builder, Service
@@ -24,12 +27,26 @@ DESCRIPTION = "Marching-cubes terrain: a seed and a coordinate in, a mesh out. P
 _log: Final = logging.getLogger(__name__)
 
 
-def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
+class Application(FastAPI):
+    """FastAPI behind layers that answer most requests without it."""
+
+    front: Front
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        await self.front(scope, receive, send)
+
+    async def routed(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request by its route."""
+        await super().__call__(scope, receive, send)
+
+
+def create_app(settings: Settings, pool: Builder | None = None) -> Application:
     """Return the application. Its lifespan starts and closes `pool`, by default `settings.workers` processes.
 
     It has `settings.folder` from now on, until its lifespan ends. Raises `StoreError` if that cannot be had.
     """
-    app = FastAPI(
+    app = Application(
         title="chunkserver",
         version=__version__,
         description=DESCRIPTION,
@@ -40,19 +57,19 @@ def create_app(settings: Settings, pool: Builder | None = None) -> FastAPI:
         lifespan=_lifespan,
     )
     cache = ChunkCache(settings.cache_bytes)
-    answers = Answers(cache)
+    cors = Cors(("*",))
     app.state.service = Service(
         pool or Pool(settings.workers),
         cache,
-        answers,
+        Answers(cache, cors),
         PostedRecipes(),
         WorldStore(Catalogue(settings.folder), LIMITS_DEFAULT.answer_seconds),
     )
-    for room in (landing, health, recipes, worlds, world_chunks, seeds):
+    for room in (landing, health, recipes, worlds, world_chunks, seeds, batch):
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)
-    app.middleware_stack = Front(app.build_middleware_stack(), answers)  # in front of all middleware: a hit needs none
+    app.front = Front(CorsLayer(app.routed, cors), app.state.service)
     return app
 
 

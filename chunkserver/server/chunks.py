@@ -1,38 +1,44 @@
 """The one answer behind all routes of chunks, and what those routes declare of it."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
-from http import HTTPStatus
 from typing import Annotated, Any, Final, NamedTuple
 
 from fastapi import Depends, Request, Response
+from starlette.types import Receive
 
 from chunkserver.errors import BadKey, BadParameter, BadRecipe, DeadlinePassed, Overloaded, Unavailable, WorkerLost
+from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest
-from chunkserver.server.accept import preferred
+from chunkserver.server.accept import preferred, preferred_coding, urgency
+from chunkserver.server.answers import asked
 from chunkserver.server.etag import is_known
 from chunkserver.server.openapi import Responses, header, problem_responses
 from chunkserver.server.parameters import IfNoneMatch
+from chunkserver.server.plan import VARY, WITHOUT_BODY, Plan, Reply
 from chunkserver.server.presence import while_there
 from chunkserver.server.problems import OldGenerator
 from chunkserver.server.service import Service, ServiceOfApp
-from chunkserver.wire import FORMATS, Encoding
+from chunkserver.wire import CODINGS, FORMATS, Encoding
 
 REVALIDATE: Final = "no-cache"
+NO_STORE: Final = "no-store"
 IMMUTABLE: Final = "public, max-age=31536000, immutable"
-VARY: Final = "Accept, Accept-Encoding"
 NATIVE: Final = "mesh"
 GLB: Final = "glb"
-WITHOUT_BODY: Final = Encoding().format
-"""The format in which an empty chunk is a 204. In the others it is a file without geometry."""
 CLIENT_LEFT: Final = 499
 """Of an answer that nobody is there to read."""
 
 MEDIA_TYPES: Final = {row.media_type: row.name for row in FORMATS.values()}
+OFFERED: Final = tuple(reversed(CODINGS))
+"""Content codings: at equal liking the one that costs less. A client that names none gets the plain bytes."""
 TO_BUILD: Final = (Unavailable, DeadlinePassed, Overloaded, WorkerLost)
 """What can happen to a request that waits for a worker."""
 
 _CONTENT: Final = {"Chunk-Content": header("What the chunk is made of.", "^(air|rock|surface)$")}
+_CODING: Final = {
+    "Content-Encoding": header("Unless the body is plain.", f"^({'|'.join(OFFERED[:-1])})$", required=False)
+}
 
 
 def chunk_responses(
@@ -54,14 +60,14 @@ def chunk_responses(
     }
     empty = {"description": "An empty chunk: nothing to draw.", "headers": headers | _CONTENT}
     return {
-        200: {"description": "The mesh.", "content": mesh, "headers": headers | _CONTENT},
+        200: {"description": "The mesh.", "content": mesh, "headers": headers | _CONTENT | _CODING},
         **({204: empty} if WITHOUT_BODY in format_names else {}),
         304: {"description": "The client has these bytes. Nothing was built.", "headers": headers},
         **problem_responses(BadKey, BadParameter, BadRecipe, OldGenerator, *problems, *TO_BUILD),
     }
 
 
-class Asked(NamedTuple):
+class Call(NamedTuple):
     """What every route of chunks is called with."""
 
     request: Request
@@ -69,11 +75,16 @@ class Asked(NamedTuple):
     if_none_match: tuple[str, ...]
 
 
-async def _asked(request: Request, service: ServiceOfApp, if_none_match: IfNoneMatch = ()) -> Asked:
-    return Asked(request, service, if_none_match)
+async def _call(request: Request, service: ServiceOfApp, if_none_match: IfNoneMatch = ()) -> Call:
+    return Call(request, service, if_none_match)
 
 
-AskedOfUrl = Annotated[Asked, Depends(_asked)]
+CallOfUrl = Annotated[Call, Depends(_call)]
+
+
+def encoding_like(call: Call, encoding: Encoding) -> Encoding:
+    """Return `encoding` in the content coding that the client likes best."""
+    return encoding._replace(coding=preferred_coding(call.request.headers.getlist("accept-encoding"), OFFERED))
 
 
 def format_of(request: Request) -> str:
@@ -81,33 +92,39 @@ def format_of(request: Request) -> str:
     return MEDIA_TYPES[preferred(request.headers.getlist("accept"), MEDIA_TYPES)]
 
 
-async def answer(
-    asked: Asked, wanted: ChunkRequest, tag: str, headers: Mapping[str, str], holds: Callable[[], bool]
-) -> Response:
-    """Return the answer to a valid request: 304 if the client has it, else from the cache or the workers.
+async def answer(call: Call, plan: Plan, key: ChunkKey) -> Response:
+    """Return the answer to a valid request, for the chunk `key` of `plan`; the front learns both.
 
-    tag: the entity tag, and the cache's key. headers: those besides `ETag`, `Vary` and what tells of the chunk.
-    holds: whether the same request would be answered alike now. While it would, `Front` does it.
+    Raises `BadKey`, and what `reply` raises.
     """
-    response = await _answer(asked, wanted, tag, {"ETag": f'"{tag}"', "Vary": VARY, **headers})
-    asked.service.answers.keep(asked.request.scope, tag, response, holds)
+    scope, service = call.request.scope, call.service
+    request, tag = plan.request(key), plan.tag(key)
+    wanted = asked(scope)
+    if wanted is not None:
+        service.answers.learn(wanted, plan)
+    urgent = urgency(call.request.headers.get("priority", "").encode("latin-1"))
+    made = await reply(service, plan, request, tag, is_known(call.if_none_match, tag), call.request.receive, urgent)
+    if wanted is not None and made.status != CLIENT_LEFT:
+        service.answers.keep(wanted, plan, tag, made)
+    response = Response(made.body, made.status)
+    response.raw_headers = list(made.headers)
     return response
 
 
-async def _answer(asked: Asked, wanted: ChunkRequest, tag: str, sent: dict[str, str]) -> Response:
-    if is_known(asked.if_none_match, tag):
-        return Response(status_code=HTTPStatus.NOT_MODIFIED, headers=sent)
-    service = asked.service
+async def reply(
+    service: Service, plan: Plan, request: ChunkRequest, tag: str, known: bool, receive: Receive, urgent: int
+) -> Reply:
+    """Return the answer to `request`: 304 if the client has it (`known`), else from the cache or the workers.
+
+    tag: of the answer. urgent: see `Pool.build`, whose errors are raised.
+    """
+    if known:
+        return plan.not_modified(tag)
     chunk = service.cache.find(tag)
     if chunk is None:
-        building = service.cache.get_or_build(tag, partial(service.pool.build, wanted))
-        chunk = await while_there(asked.request.receive, building)
-    if chunk is None:
-        return Response(status_code=CLIENT_LEFT)
-    sent["Chunk-Content"] = chunk.content
-    if chunk.content != "surface" and wanted.encoding.format == WITHOUT_BODY:
-        return Response(status_code=HTTPStatus.NO_CONTENT, headers=sent)
-    return Response(chunk.body, media_type=FORMATS[wanted.encoding.format].media_type, headers=sent)
+        building = service.cache.get_or_build(tag, partial(service.pool.build, request, urgency=urgent))
+        chunk = await while_there(receive, building)
+    return Reply(CLIENT_LEFT, (), b"") if chunk is None else plan.found(tag, chunk)
 
 
 def check_generator(asked: str | None, current: str) -> None:

@@ -2,29 +2,45 @@
 
 import hashlib
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
+from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest, generator
 from chunkserver.recipe import WorldRecipe
+from chunkserver.wire import CODINGS
 
 ETAG_BYTES: Final = 16
+_ORIGIN: Final = ChunkKey(0, 0, 0, 0)
 _ENTITY_TAG: Final = re.compile(r'(?:W/)?"([^"]*)"')
 
 
-def etag(request: ChunkRequest, epoch: str = "") -> str:
-    """Return the strong entity tag of the answer to `request`, without its quotes: hex, also the cache's key.
+def tags(template: ChunkRequest, epoch: str = "") -> Callable[[ChunkKey], str]:
+    """Return what names the answers to requests that are like `template` in all but the key, given that.
 
-    epoch: of the world, if it is a chunk of one. Revisions of another epoch count other edits.
+    A name is a strong entity tag without its quotes: hex, also the cache's key. epoch: of the world, if they are chunks
+    of one: revisions of another epoch count other edits.
 
     `repr` of the frozen request writes every field, those to come included, and the recipe by its digest: the source
-    may be 64 KB. The generator adds the sources that shape a chunk. Same tag, same bytes.
+    may be 64 KB. The generator adds the sources that shape a chunk, the coding its compressor. Same tag, same bytes.
     """
-    recipe = request.recipe
-    named = replace(request, recipe=WorldRecipe(recipe.seed, recipe.digest))
-    text = f"{generator(recipe)} {named!r}{epoch and ' '}{epoch}".encode()
-    return hashlib.blake2b(text, digest_size=ETAG_BYTES).hexdigest()
+    recipe = template.recipe
+    named = replace(template, recipe=WorldRecipe(recipe.seed, recipe.digest), key=_ORIGIN)
+    version = CODINGS[template.encoding.coding].version
+    begun = hashlib.blake2b(f"{generator(recipe)} {named!r} {epoch} {version} ".encode(), digest_size=ETAG_BYTES)
+
+    def tag(key: ChunkKey) -> str:
+        digest = begun.copy()
+        digest.update(b"%d %d %d %d" % key)
+        return digest.hexdigest()
+
+    return tag
+
+
+def etag(request: ChunkRequest, epoch: str = "") -> str:
+    """Return what `tags` gives for this one request."""
+    return tags(request, epoch)(request.key)
 
 
 def body_etag(body: bytes) -> str:

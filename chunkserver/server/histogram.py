@@ -1,4 +1,4 @@
-"""How long things took, counted in buckets: cheap to fill while requests are served, read when metrics are asked for."""
+"""How long things took, counted in buckets: cheap to fill while requests are served, read when metrics are wanted."""
 
 from bisect import bisect_left
 from collections.abc import Sequence

@@ -27,6 +27,7 @@ TOKEN: Final = "^[0-9a-f]{1,64}$"
 
 REVISION_MAX: Final = (1 << 63) - 1
 
+_MIDDLE: Final = ChunkKey(0, 0, 0, 0)
 _COORDINATES: Final = LATTICE_MAX // min(CELLS_BUILT)
 
 
@@ -217,9 +218,8 @@ async def _key(lod: Lod, x: Coordinate, y: Coordinate, z: Coordinate) -> ChunkKe
 KeyOfUrl = Annotated[ChunkKey, Depends(_key)]
 
 
-def chunk_request(
+def chunk_template(
     recipe: WorldRecipe,
-    key: ChunkKey,
     query: ChunkQuery,
     encoding: Encoding,
     *,
@@ -227,10 +227,10 @@ def chunk_request(
     voxel_size: float = 1.0,
     revision: int = 0,
 ) -> ChunkRequest:
-    """Return what the URL asks for. Raises `BadKey` or `BadParameter` if it is not built."""
+    """Return what a query asks for, of the chunk in the middle. Raises `BadParameter` if it is not built."""
     request = ChunkRequest(
         recipe,
-        key,
+        _MIDDLE,
         cells=cells,
         voxel_size=voxel_size,
         mesher=query.mesher,

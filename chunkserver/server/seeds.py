@@ -14,15 +14,15 @@ from chunkserver.server.chunks import (
     IMMUTABLE,
     NATIVE,
     REVALIDATE,
-    Asked,
-    AskedOfUrl,
+    Call,
+    CallOfUrl,
     answer,
     check_generator,
     chunk_responses,
+    encoding_like,
     format_of,
 )
 from chunkserver.server.descriptor import Descriptor, Urls, members
-from chunkserver.server.etag import etag
 from chunkserver.server.openapi import RESOURCE, header, problem_responses
 from chunkserver.server.parameters import (
     KeyOfUrl,
@@ -32,12 +32,13 @@ from chunkserver.server.parameters import (
     SeedGlbQuery,
     SeedNativeQuery,
     SeedQuery,
-    chunk_request,
+    chunk_template,
     encoding_of,
     pristine,
     refuse_repeats,
 )
-from chunkserver.server.posted import is_known_recipe
+from chunkserver.server.plan import Plan
+from chunkserver.server.posted import PostedRecipes, is_known_recipe
 from chunkserver.server.problems import UnknownRecipe
 from chunkserver.server.service import ServiceOfApp
 from chunkserver.wire import FORMATS, Encoding
@@ -84,10 +85,10 @@ async def native_chunk(
     seed: Seed,
     key: KeyOfUrl,
     query: Annotated[SeedNativeQuery, Query()],
-    asked: AskedOfUrl,
+    call: CallOfUrl,
 ) -> Response:
     """One chunk in the native format: typed arrays that engines upload as they are. An empty chunk is a 204."""
-    return await _answer(asked, seed, key, query, Encoding(NATIVE, profile=query.profile))
+    return await _answer(call, seed, key, query, Encoding(NATIVE, profile=query.profile))
 
 
 @router.api_route(
@@ -101,10 +102,10 @@ async def glb_chunk(
     seed: Seed,
     key: KeyOfUrl,
     query: Annotated[SeedGlbQuery, Query()],
-    asked: AskedOfUrl,
+    call: CallOfUrl,
 ) -> Response:
     """One chunk as binary glTF. An empty chunk is a valid file without a mesh."""
-    return await _answer(asked, seed, key, query, Encoding(GLB, frame=query.frame))
+    return await _answer(call, seed, key, query, Encoding(GLB, frame=query.frame))
 
 
 @router.api_route(
@@ -118,10 +119,10 @@ async def any_chunk(
     seed: Seed,
     key: KeyOfUrl,
     query: Annotated[SeedAnyQuery, Query()],
-    asked: AskedOfUrl,
+    call: CallOfUrl,
 ) -> Response:
     """One chunk in the format that `Accept` chooses; the native one if it names none that is served."""
-    return await _answer(asked, seed, key, query, encoding_of(format_of(asked.request), query))
+    return await _answer(call, seed, key, query, encoding_of(format_of(call.request), query))
 
 
 def describe(recipe: WorldRecipe, name: str) -> SeedDescriptor:
@@ -131,9 +132,13 @@ def describe(recipe: WorldRecipe, name: str) -> SeedDescriptor:
     return SeedDescriptor(**members(recipe, name, urls))
 
 
-async def _answer(asked: Asked, seed: int, key: ChunkKey, query: SeedChunkQuery, encoding: Encoding) -> Response:
-    posted = asked.service.posted
-    wanted = chunk_request(pristine(seed, query.recipe, posted), key, query, encoding)
-    check_generator(query.g, generator(wanted.recipe))
+async def _answer(call: Call, seed: int, key: ChunkKey, query: SeedChunkQuery, encoding: Encoding) -> Response:
+    return await answer(call, seed_plan(call.service.posted, seed, query, encoding_like(call, encoding)), key)
+
+
+def seed_plan(posted: PostedRecipes, seed: int, query: SeedChunkQuery, encoding: Encoding) -> Plan:
+    """Return how chunks of `seed` are answered. Raises `BadParameter`, `BadRecipe`, `UnknownRecipe`, `OldGenerator`."""
+    template = chunk_template(pristine(seed, query.recipe, posted), query, encoding)
+    check_generator(query.g, generator(template.recipe))
     headers = {"Cache-Control": IMMUTABLE if query.g else REVALIDATE}
-    return await answer(asked, wanted, etag(wanted), headers, partial(is_known_recipe, wanted.recipe.digest, posted))
+    return Plan.of(template, headers, partial(is_known_recipe, template.recipe.digest, posted))

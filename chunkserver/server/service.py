@@ -7,8 +7,9 @@ from typing import Annotated, Protocol
 from fastapi import Depends, Request
 
 from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
-from chunkserver.server.front import Answers
+from chunkserver.server.job import URGENCY_DEFAULT
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.store import WorldStore
 
@@ -23,8 +24,18 @@ class Builder(Protocol):
     async def start(self) -> None:
         """Begin to get ready; returns at once."""
 
-    async def build(self, request: ChunkRequest, begun: Callable[[], None]) -> Chunk:
-        """Build one chunk; raises `ChunkError`. Calls `begun` when it is no longer only waiting."""
+    async def build(
+        self,
+        request: ChunkRequest,
+        begun: Callable[[], None],
+        *,
+        urgency: int = URGENCY_DEFAULT,
+        distance: float = 0.0,
+    ) -> Chunk:
+        """Build one chunk; raises `ChunkError`. Calls `begun` when it is no longer only waiting.
+
+        urgency: 0 (most) to 7. distance: in chunk lengths, from who looks at it.
+        """
 
     async def close(self) -> None:
         """End every worker process."""

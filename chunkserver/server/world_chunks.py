@@ -12,15 +12,16 @@ from chunkserver.server.chunks import (
     GLB,
     IMMUTABLE,
     NATIVE,
+    NO_STORE,
     REVALIDATE,
-    Asked,
-    AskedOfUrl,
+    Call,
+    CallOfUrl,
     answer,
     check_generator,
     chunk_responses,
+    encoding_like,
     format_of,
 )
-from chunkserver.server.etag import etag
 from chunkserver.server.openapi import RESOURCE, Responses, header
 from chunkserver.server.parameters import (
     KeyOfUrl,
@@ -29,16 +30,17 @@ from chunkserver.server.parameters import (
     WorldGlbQuery,
     WorldId,
     WorldNativeQuery,
-    chunk_request,
+    chunk_template,
     encoding_of,
     refuse_repeats,
 )
+from chunkserver.server.plan import Plan
 from chunkserver.server.problems import OldEpoch, OtherGenerator, UnknownRevision, UnknownWorld
+from chunkserver.server.store import WorldStore
 from chunkserver.server.worlds import REVISION_PATTERN, WORLD
 from chunkserver.wire import FORMATS, Encoding
 
 CHUNK: Final = f"{WORLD}/chunks/{{lod}}/{{x}}/{{y}}/{{z}}"
-NO_STORE: Final = "no-store"
 
 
 def _responses(*format_names: str) -> Responses:
@@ -64,10 +66,10 @@ async def native_world_chunk(
     world: WorldId,
     key: KeyOfUrl,
     query: Annotated[WorldNativeQuery, Query()],
-    asked: AskedOfUrl,
+    call: CallOfUrl,
 ) -> Response:
     """One chunk in the native format, as it is by now. An empty chunk is a 204."""
-    return await _answer(asked, world, key, query, Encoding(NATIVE, profile=query.profile))
+    return await _answer(call, world, key, query, Encoding(NATIVE, profile=query.profile))
 
 
 @router.api_route(f"{CHUNK}.glb", methods=RESOURCE, summary="A chunk of a world as GLB", responses=_responses(GLB))
@@ -75,10 +77,10 @@ async def glb_world_chunk(
     world: WorldId,
     key: KeyOfUrl,
     query: Annotated[WorldGlbQuery, Query()],
-    asked: AskedOfUrl,
+    call: CallOfUrl,
 ) -> Response:
     """One chunk as binary glTF, as it is by now. An empty chunk is a valid file without a mesh."""
-    return await _answer(asked, world, key, query, Encoding(GLB, frame=query.frame))
+    return await _answer(call, world, key, query, Encoding(GLB, frame=query.frame))
 
 
 @router.api_route(
@@ -88,10 +90,10 @@ async def any_world_chunk(
     world: WorldId,
     key: KeyOfUrl,
     query: Annotated[WorldAnyQuery, Query()],
-    asked: AskedOfUrl,
+    call: CallOfUrl,
 ) -> Response:
     """One chunk in the format that `Accept` chooses; the native one if it names none that is served."""
-    return await _answer(asked, world, key, query, encoding_of(format_of(asked.request), query))
+    return await _answer(call, world, key, query, encoding_of(format_of(call.request), query))
 
 
 def revision_headers(world: World, chunk_revision: int, query: WorldChunkQuery) -> dict[str, str]:
@@ -114,29 +116,35 @@ def revision_headers(world: World, chunk_revision: int, query: WorldChunkQuery) 
     return headers | {"Cache-Control": IMMUTABLE}
 
 
-async def _answer(
-    asked: Asked,
-    name: str,
-    key: ChunkKey,
-    query: WorldChunkQuery,
-    encoding: Encoding,
-) -> Response:
-    worlds = asked.service.worlds
+async def _answer(call: Call, name: str, key: ChunkKey, query: WorldChunkQuery, encoding: Encoding) -> Response:
+    coded = encoding_like(call, encoding)
+    plan = await world_plan(call.service.worlds, name, query, coded, key)
+    return await answer(call, plan, key)
+
+
+async def world_plan(
+    worlds: WorldStore, name: str, query: WorldChunkQuery, encoding: Encoding, *keys: ChunkKey
+) -> Plan:
+    """Return how chunks of a world are answered, when it has the revision that is waited for; `keys` are some of them.
+
+    What is refused anyway is refused at once. Raises `UnknownWorld`, `OtherGenerator`, `OldEpoch`, `OldGenerator`,
+    `UnknownRevision`, `BadKey`, `BadParameter`; and `DeadlinePassed`.
+    """
     world = worlds.find(name)
-    wanted = _wanted(world, key, query, encoding)  # what is refused anyway is refused at once
+    template = _template(world, query, encoding)
+    for key in keys:
+        check_key(key, world.chunk_cells, world.lods)
     now = await worlds.at_revision(name, query.min_revision)
     if now is not world:
-        wanted = _wanted(now, key, query, encoding)
-    headers = revision_headers(now, wanted.revision, query)
-    holds = partial(worlds.is_at, name, now.epoch, now.revision)
-    return await answer(asked, wanted, etag(wanted, now.epoch), headers, holds)
+        template = _template(now, query, encoding)
+    headers = revision_headers(now, template.revision, query)
+    return Plan.of(template, headers, partial(worlds.is_at, name, now.epoch, now.revision), now.epoch, now.lods)
 
 
-def _wanted(world: World, key: ChunkKey, query: WorldChunkQuery, encoding: Encoding) -> ChunkRequest:
-    """Return what a URL asks for. Raises `OldEpoch`, `OldGenerator`, `BadKey` or `BadParameter`."""
+def _template(world: World, query: WorldChunkQuery, encoding: Encoding) -> ChunkRequest:
+    """Return what a URL asks for, whatever the chunk. Raises `OldEpoch`, `OldGenerator` or `BadParameter`."""
     if query.epoch not in (None, world.epoch):
         message = f"epoch is {query.epoch}; world {world.id!r} has {world.epoch} now"
         raise OldEpoch(message, epoch=query.epoch, current=world.epoch)
     check_generator(query.g, world.generator)
-    check_key(key, world.chunk_cells, world.lods)
-    return chunk_request(world.recipe, key, query, encoding, cells=world.chunk_cells, voxel_size=world.voxel_size)
+    return chunk_template(world.recipe, query, encoding, cells=world.chunk_cells, voxel_size=world.voxel_size)

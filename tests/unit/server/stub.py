@@ -20,6 +20,7 @@ class StubPool:
         self.error = error
         self.ready = ready
         self.built: list[ChunkRequest] = []
+        self.ranks: list[tuple[int, float]] = []
         self.life: list[str] = []
 
     async def start(self) -> None:
@@ -28,9 +29,12 @@ class StubPool:
     async def close(self) -> None:
         self.life.append("close")
 
-    async def build(self, request: ChunkRequest, begun: Callable[[], None]) -> Chunk:
+    async def build(
+        self, request: ChunkRequest, begun: Callable[[], None], *, urgency: int = 3, distance: float = 0.0
+    ) -> Chunk:
         begun()
         self.built.append(request)
+        self.ranks.append((urgency, distance))
         if self.error is not None:
             raise self.error
         return self.chunk
@@ -40,5 +44,6 @@ class StubPool:
 def client_of(pool: StubPool, folder: Path | None = None) -> Iterator[TestClient]:
     """A client of the application over `pool`, its lifespan included; with its worlds in `folder`."""
     app = create_app(Settings(workers=1, folder=folder), pool)
-    with TestClient(app, raise_server_exceptions=False, follow_redirects=False) as client:
+    plain = {"Accept-Encoding": "identity"}  # what the pool answers is coded by nobody
+    with TestClient(app, raise_server_exceptions=False, follow_redirects=False, headers=plain) as client:
         yield client

@@ -1,6 +1,6 @@
 import pytest
 
-from chunkserver.server.accept import RANGES_MAX, preferred
+from chunkserver.server.accept import RANGES_MAX, preferred, preferred_coding, urgency
 
 NATIVE, GLB = "application/vnd.chunkserver.mesh", "model/gltf-binary"
 
@@ -34,3 +34,49 @@ def test_the_format_that_is_liked_best(accept, expected):
 
 def test_the_servers_own_order_decides_between_equals():
     assert preferred([], [GLB, NATIVE]) == GLB
+
+
+OFFERED = ("zstd", "gzip", "identity")
+
+
+@pytest.mark.parametrize(
+    ("fields", "coding"),
+    [
+        ([], "identity"),
+        ([""], "identity"),
+        (["gzip"], "gzip"),
+        (["gzip, deflate, br, zstd"], "zstd"),
+        (["gzip", "zstd"], "zstd"),
+        (["GZIP;q=0.5, zstd;q=0.4"], "gzip"),
+        (["br"], "identity"),
+        (["*"], "zstd"),
+        (["zstd;q=0, *"], "gzip"),
+        (["gzip;q=0"], "identity"),
+        (["gzip;q=0.5, identity"], "identity"),
+        (["identity;q=0.5, gzip;q=0.5"], "gzip"),
+        (["identity;q=0"], "identity"),
+        (["gzip;q=nonsense"], "identity"),
+        ([",".join(["br"] * 100) + ", gzip"], "identity"),
+    ],
+)
+def test_the_coding_that_is_liked_best(fields, coding):
+    assert preferred_coding(fields, OFFERED) == coding
+
+
+@pytest.mark.parametrize(
+    ("field", "urgent"),
+    [
+        (None, 3),
+        (b"", 3),
+        (b"u=0", 0),
+        (b"u=7, i", 7),
+        (b"i, u=1", 1),
+        (b"i,u=5", 5),
+        (b"u=8", 3),
+        (b"u=12", 3),
+        (b"u=-1", 3),
+        (b"xu=1", 3),
+    ],
+)
+def test_urgency(field, urgent):
+    assert urgency(field) == urgent

@@ -4,8 +4,9 @@ from chunkserver.errors import Overloaded
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe, builtin
-from chunkserver.server.chunks import IMMUTABLE, REVALIDATE, VARY
-from chunkserver.wire import Encoding
+from chunkserver.server.chunks import IMMUTABLE, REVALIDATE
+from chunkserver.server.plan import VARY
+from chunkserver.wire import CODINGS, Encoding
 from tests.unit.server.stub import StubPool, client_of
 
 URL = "/v1/seeds/42/chunks/3/1/-2/5"
@@ -160,3 +161,25 @@ def test_a_failed_build_is_tried_again(client, pool):
     assert int(answer.headers["retry-after"]) > 0
     pool.error = None
     assert client.get(URL).status_code == 200
+
+
+@pytest.mark.parametrize("coding", ["gzip", "zstd"])
+def test_a_coding_is_a_variant_of_its_own(client, pool, coding):
+    pool.chunk = Chunk("surface", CODINGS[coding].apply(b"a mesh"))
+    plain = client.get(f"{URL}.glb").headers
+    for _ in range(2):
+        answer = client.get(f"{URL}.glb", headers={"Accept-Encoding": coding})
+        assert (answer.headers["content-encoding"], answer.content) == (coding, b"a mesh")
+        assert int(answer.headers["content-length"]) == len(pool.chunk.body)
+        assert answer.headers["etag"] != plain["etag"]
+    assert [request.encoding.coding for request in pool.built] == ["identity", coding]
+    assert client.get(f"{URL}.glb").headers == plain
+    assert "content-encoding" not in plain
+    known = client.get(f"{URL}.glb", headers={"Accept-Encoding": coding, "If-None-Match": answer.headers["etag"]})
+    assert (known.status_code, "content-encoding" in known.headers) == (304, False)
+
+
+def test_what_has_no_body_has_no_coding(client, pool):
+    pool.chunk = AIR
+    answer = client.get(f"{URL}.mesh", headers={"Accept-Encoding": "gzip"})
+    assert (answer.status_code, "content-encoding" in answer.headers) == (204, False)

@@ -2,17 +2,21 @@ import asyncio
 import itertools
 import tracemalloc
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import pytest
-from fastapi import Response
 
 from chunkserver.catalogue import World
-from chunkserver.pipeline import Chunk, generator
+from chunkserver.errors import Overloaded
+from chunkserver.grid import ChunkKey
+from chunkserver.pipeline import Chunk, ChunkRequest, generator
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server import Settings, create_app
+from chunkserver.server.answers import ENTRY_BYTES, KEY_BYTES_MAX, PLANS_MAX, Answers, asked
 from chunkserver.server.cache import ChunkCache
-from chunkserver.server.front import ENTRY_BYTES, KEY_BYTES_MAX, Answers
+from chunkserver.server.cors import Cors
+from chunkserver.server.plan import Plan
+from chunkserver.wire import Encoding
 from tests.unit.server.stub import StubPool
 
 SEED, WORLD = "/v1/seeds/42/chunks/0/0", "/v1/worlds/w/chunks/0/0"
@@ -33,6 +37,8 @@ QUERIES = [
     *("revision=0", "revision=1", "min_revision=0", "epoch=abc", f"g={TOKEN}&epoch=abc&revision=0", "seam=n%6fne"),
 ]
 ACCEPTS = [[], ["*/*"], [GLB], [f"{NATIVE};q=0.1, {GLB}"], [NATIVE, f"{GLB};q=0.5"], [""]]
+CODINGS = [[], ["gzip"], ["zstd, gzip;q=0.5"], ["br"], ["*"], ["identity;q=0"]]
+ORIGINS = [[], ["https://game.example"]]
 CONDITIONS = [[], ["*"], [" * "], ["TAG"], ["W/TAG"], ['"x", W/TAG'], ['"x"', "TAG"], ['"x"'], [""], ['"x, *"']]
 CONDITIONS += [["\xff"], ["TAG, TAG"]]
 
@@ -47,8 +53,8 @@ def world_w(seed=42, epoch="abc", revision=0):
 class Terrain(StubPool):
     """The chunks at y = 1 are air."""
 
-    async def build(self, request, begun):
-        await super().build(request, begun)
+    async def build(self, request, begun, **rank):
+        await super().build(request, begun, **rank)
         return Chunk("air", b"nothing") if request.key.y else Chunk("surface", repr(request).encode())
 
 
@@ -59,7 +65,7 @@ class Service:
         self.app = create_app(Settings(workers=1), Terrain())
         self.shared = self.app.state.service
         self.passed = 0
-        self.front = cast("Any", self.app.middleware_stack)
+        self.front = self.app.front
         self.plain = self.front._app
         self.front._app = self._pass
 
@@ -75,13 +81,15 @@ class Service:
         self.passed += 1
         await self.plain(scope, receive, send)
 
-    async def ask(self, app, method, path, query="", accept=(), condition=()):
+    async def ask(self, app, method, path, query="", accept=(), condition=(), coding=(), origin=()):
         told = []
 
         async def send(message):
             told.append(message)
 
         headers = [(b"host", b"x"), *((b"accept", value.encode()) for value in accept)]
+        headers += [(b"accept-encoding", value.encode()) for value in coding]
+        headers += [(b"origin", value.encode()) for value in origin]
         headers += [(b"if-none-match", value.encode("latin-1")) for value in condition]
         scope = {
             "type": "http",
@@ -131,17 +139,17 @@ def in_service(scenario):
 
 def test_every_answer_is_the_applications_own(rng):
     async def scenario(service):
-        plain_headers = list(itertools.product(("GET", "HEAD"), ACCEPTS, CONDITIONS))
+        plain_headers = list(itertools.product(("GET", "HEAD"), ACCEPTS, CONDITIONS, CODINGS, ORIGINS))
         requests = [(path, query) for path in PATHS for query in QUERIES]
         known = 0
         for path, query in [requests[number] for number in rng.permutation(len(requests))[:400]]:
             tag = tag_of(await service.ask(service.plain, "GET", path, query))
             for number in rng.integers(len(plain_headers), size=3):
-                method, accept, condition = plain_headers[number]
-                asked = (method, path, query, accept, [value.replace("TAG", tag) for value in condition])
-                expected = await service.ask(service.plain, *asked)
+                method, accept, condition, *others = plain_headers[number]
+                request = (method, path, query, accept, [value.replace("TAG", tag) for value in condition], *others)
+                expected = await service.ask(service.plain, *request)
                 passed = service.passed
-                assert await service.ask(service.front, *asked) == expected, asked
+                assert await service.ask(service.front, *request) == expected, request
                 known += service.passed == passed
         assert known > 100
         for method in ("POST", "PUT", "DELETE", "OPTIONS"):
@@ -162,7 +170,7 @@ def test_what_was_answered_once_does_not_get_behind_the_front(path):
         condition = [tag_of(first)]
         for _ in range(2):
             assert (await service.get(path, condition=condition))[0] == 304
-        assert service.passed == 2
+        assert service.passed == 1
         assert service.shared.cache.hits == hits + 2
 
     in_service(scenario)
@@ -176,7 +184,7 @@ def test_a_body_that_is_gone_is_built_again_and_a_304_does_not_need_it():
         service.shared.cache._kept.clear()
         assert (await service.get(path, condition=["*"]))[0] == 304
         assert await service.get(path) == first
-        assert (service.passed, len(service.shared.pool.built)) == (3, 2)
+        assert (service.passed, len(service.shared.pool.built)) == (1, 2)
 
     in_service(scenario)
 
@@ -188,7 +196,7 @@ def test_a_hit_keeps_its_body_in_the_cache():
             await service.get(f"{SEED}/{y}/0")
         oldest = next(iter(cache._kept))
         await service.get(f"{SEED}/0/0")
-        assert service.passed == 4
+        assert service.passed == 1
         assert oldest == next(reversed(cache._kept))
 
     in_service(scenario)
@@ -224,35 +232,116 @@ def test_a_world_that_went_on_or_away_is_answered_anew():
     in_service(scenario)
 
 
-def scope_of(path, query=b"", headers=()):
-    return {"path": path, "query_string": query, "headers": headers}
+def test_chunks_beside_one_that_was_answered_do_not_get_behind_the_front():
+    async def scenario(service):
+        for place in ("/v1/seeds/42/chunks", "/v1/worlds/w/chunks"):
+            for tail in ("", ".mesh", ".glb"):
+                await service.get(f"{place}/0/0/0/0{tail}", accept=[GLB])
+                passed = service.passed
+                for key in ("0/1/0/0", "0/0/1/0", "3/-7/0/9", f"0/{(1 << 35) - 1}/0/0"):
+                    for condition in ([], ["*"], []):
+                        path = f"{place}/{key}{tail}"
+                        answer = await service.get(path, accept=[GLB], condition=condition)
+                        assert service.passed == passed
+                        asked = ("GET", path, "", [GLB], condition)
+                        assert answer == await service.ask(service.plain, *asked)
+                for wrong in ("21/0/0/0", f"0/{1 << 35}/0/0", "0/00/0/0", "0/+1/0/0", "0/0/0", "0/0/0/0/0"):
+                    assert (await service.get(f"{place}/{wrong}{tail}", accept=[GLB]))[0] in (404, 422)
+
+    in_service(scenario)
+
+
+def test_what_an_answer_depends_on_is_no_plan_of_another():
+    async def scenario(service):
+        await service.get(f"{SEED}/0/0")
+        different: tuple[dict[str, Any], ...] = (
+            {"path": f"{SEED}/1/0", "coding": ["gzip"]},
+            {"path": f"{SEED}/1/0", "accept": [GLB]},
+            {"path": f"{SEED}/1/0", "query": "profile=f32"},
+            {"path": f"{SEED}/1/0.glb"},
+            {"path": "/v1/seeds/43/chunks/0/0/1/0"},
+        )
+        for number, request in enumerate(different, 2):
+            await service.get(**request)
+            assert service.passed == number
+
+    in_service(scenario)
+
+
+def test_a_failed_build_is_told_and_not_kept():
+    async def scenario(service):
+        await service.get(f"{SEED}/0/0")
+        service.shared.pool.error = Overloaded("too many", waiting=1)
+        expected = await service.ask(service.plain, "GET", f"{SEED}/2/0")
+        assert await service.get(f"{SEED}/2/0") == expected
+        assert expected[0] == 503
+        service.shared.pool.error = None
+        assert (await service.get(f"{SEED}/2/0"))[0] == 204
+        assert (service.passed, service.front.refused) == (1, 1)
+
+    in_service(scenario)
+
+
+def wanted_of(path, query=b"", headers=()):
+    wanted = asked({"path": path, "query_string": query, "headers": headers})
+    assert wanted is not None
+    return wanted
+
+
+TEMPLATE = ChunkRequest(WorldRecipe(42, builtin("terrain")), ChunkKey(0, 0, 0, 0), encoding=Encoding("glb"))
+
+
+def plan_of(holds=lambda: True):
+    headers = {
+        "Cache-Control": "public, max-age=31536000, immutable",
+        "Chunk-Revision": str(1 << 62),
+        "World-Revision": str(1 << 62),
+    }
+    return Plan.of(TEMPLATE, headers, holds)
 
 
 def test_entries_weigh_no_more_than_they_are_charged():
     count = 500
-    answers = Answers(ChunkCache(0), bytes_max=count * (ENTRY_BYTES + 300))
-    heads = [("ETag", '"' + "0" * 32 + '"'), ("Vary", "Accept, Accept-Encoding"), ("Chunk-Revision", str(1 << 62))]
-    heads += [("World-Revision", str(1 << 62)), ("Cache-Control", "public, max-age=31536000, immutable")]
-    heads += [("Chunk-Content", "surface")]
+    answers = Answers(ChunkCache(0), Cors(["*"]), bytes_max=count * (ENTRY_BYTES + 1000))
     tracemalloc.start()
     before, _ = tracemalloc.get_traced_memory()
     for number in range(3 * count):
-        scope = scope_of(f"/v1/worlds/{'w' * 64}/chunks/0/{number}/0/0", f"g={number:0100}".encode())
-        for status in (200, 304):
-            response = Response(b"x", status, dict(heads), GLB)
-            answers.keep(scope, f"{number:032x}", response, partial(bool, f"{number:0100}"))
+        path, query = f"/v1/worlds/{'w' * 64}/chunks/0/{number}/0/0", f"g={number:0100}".encode()
+        wanted = wanted_of(path, query, [(b"accept", b"%0100d" % number)])
+        plan = plan_of(partial(bool, f"{number:0100}"))
+        tag = plan.tag(ChunkKey(0, number, 0, 0))
+        answers.keep(wanted, plan, tag, plan.found(tag, Chunk("surface", b"x")))
     after, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert 0.25 * answers.bytes < after - before < answers.bytes <= answers.bytes_max
-    assert len(answers._kept) > count // 2
+    assert len(answers) > count // 2
+
+
+def test_plans_are_bounded():
+    answers = Answers(ChunkCache(0), Cors([]))
+    plan = plan_of()
+    for number in range(PLANS_MAX + 10):
+        answers.learn(wanted_of(f"/v1/seeds/{number}/chunks/0/0/0/0"), plan)
+    assert len(answers._plans) == PLANS_MAX
+    assert answers.plan(wanted_of("/v1/seeds/9/chunks/0/0/0/0")) is None
+    assert answers.plan(wanted_of("/v1/seeds/10/chunks/1/2/3/-4")) == (plan, ChunkKey(1, 2, 3, -4))
 
 
 def test_what_is_not_kept():
-    answers = Answers(ChunkCache(0))
-    answers.keep(scope_of("/a" * KEY_BYTES_MAX), "0", Response(), lambda: True)
-    answers.keep(scope_of("/a", headers=[(b"accept", b"a" * KEY_BYTES_MAX)]), "0", Response(), lambda: True)
-    answers.keep(scope_of("/a"), "0", Response(status_code=503), lambda: True)
-    answers.keep(scope_of("/a"), "0", Response(), lambda: False)
-    assert not answers.bytes
-    answers.keep(scope_of("/a"), "0", Response(), lambda: True)
+    answers = Answers(ChunkCache(0), Cors([]))
+    plan = plan_of()
+    reply = plan.not_modified("0")
+    for wanted in (
+        wanted_of("/a/chunks" * KEY_BYTES_MAX),
+        wanted_of("/a", headers=[(b"accept", b"a" * KEY_BYTES_MAX)]),
+    ):
+        answers.keep(wanted, plan, "0", reply)
+        answers.learn(wanted, plan)
+    answers.keep(wanted_of("/a"), plan_of(lambda: False), "0", reply)
+    assert (answers.bytes, len(answers._plans)) == (0, 0)
+    answers.keep(wanted_of("/a"), plan, "0", reply)
     assert answers.bytes
+
+
+def test_a_field_that_comes_twice_is_for_the_application():
+    assert asked({"path": "/a", "query_string": b"", "headers": [(b"accept", b"a"), (b"accept", b"b")]}) is None

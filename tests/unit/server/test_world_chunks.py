@@ -8,10 +8,11 @@ from chunkserver.catalogue import World
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe, builtin
-from chunkserver.server.chunks import IMMUTABLE, REVALIDATE, VARY
+from chunkserver.server.chunks import IMMUTABLE, NO_STORE, REVALIDATE
 from chunkserver.server.parameters import WorldChunkQuery
+from chunkserver.server.plan import VARY
 from chunkserver.server.problems import UnknownRevision
-from chunkserver.server.world_chunks import NO_STORE, revision_headers
+from chunkserver.server.world_chunks import revision_headers
 from chunkserver.wire import Encoding
 from tests.unit.server.stub import StubPool, client_of
 

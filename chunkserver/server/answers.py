@@ -1,0 +1,171 @@
+"""What was answered before, by the request as it stands: path, query and the header fields that an answer depends on.
+
+    a request that was answered          -> its head, and the body out of the cache
+    one that differs in its coordinates  -> the plan that answers it too
+
+Nothing here parses, validates or refuses: that was done when the first of its kind was answered.
+"""
+
+import re
+from collections import OrderedDict
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Final, NamedTuple
+
+from starlette.types import Message, Scope
+
+from chunkserver.grid import ChunkKey
+from chunkserver.server.cache import ChunkCache
+from chunkserver.server.cors import Cors
+from chunkserver.server.etag import is_known
+from chunkserver.server.plan import Plan, Reply
+
+ANSWERS_BYTES_MAX: Final = 32 << 20
+"""Room for about 8,000 URLs; the bodies are the cache's."""
+ENTRY_BYTES: Final = 4096
+"""What an entry costs besides its key: both heads, tag and table slots. An upper bound, held by its unit test."""
+PLANS_MAX: Final = 1024
+"""Kinds of requests that are known: a world, a format, parameters, and what the client accepts."""
+KEY_BYTES_MAX: Final = 2048
+"""Path, query and header fields of a request that is kept."""
+
+_COORDINATE: Final = "(0|-?[1-9][0-9]{0,18})"
+_PLACE: Final = re.compile(rf"(.+/chunks)/{'/'.join([_COORDINATE] * 4)}((?:\.[a-z]+)?)", re.ASCII | re.DOTALL)
+"""A chunk's path: what stands before its coordinates, these in their one spelling, and the extension."""
+
+_Rest = tuple[bytes, bytes | None, bytes | None, bytes | None]
+
+
+class Asked(NamedTuple):
+    """All of a GET or HEAD that can change its answer.
+
+    rest: query, `Accept`, `Accept-Encoding` and `Origin`. One more field that the application reads has to be added.
+    known: its `If-None-Match`.
+    """
+
+    path: str
+    rest: _Rest
+    known: bytes | None
+
+    @property
+    def origin(self) -> bytes | None:
+        """The site of the page that asks, if a page does."""
+        return self.rest[-1]
+
+    def knows(self, tag: str) -> bool:
+        """Return whether the client has the bytes named `tag`."""
+        return self.known is not None and is_known((self.known.decode("latin-1"),), tag)
+
+
+def asked(scope: Scope) -> Asked | None:
+    """Return what a request asks; None if it has a header field twice: only the application reads those."""
+    fields = dict(scope["headers"])
+    if len(fields) != len(scope["headers"]):
+        return None
+    get = fields.get
+    rest = (scope["query_string"], get(b"accept"), get(b"accept-encoding"), get(b"origin"))
+    return Asked(scope["path"], rest, get(b"if-none-match"))
+
+
+@dataclass(slots=True)
+class _Entry:
+    """What a request was answered with. found: None until a body was sent, or that there is none."""
+
+    plan: Plan
+    tag: str
+    quoted: bytes
+    not_modified: Message
+    found: Message | None = None
+    has_body: bool = False
+
+
+class Answers:
+    """Heads of answers by request, and plans by kind of request; bodies are in `cache`. Least recently used go first.
+
+    One event loop owns it; nothing in it is thread-safe.
+
+    bytes: what the kept entries weigh now, at most `bytes_max`.
+    hits, not_modified: answers given from here.
+    """
+
+    def __init__(self, cache: ChunkCache, cors: Cors, bytes_max: int = ANSWERS_BYTES_MAX) -> None:
+        self.bytes_max = bytes_max
+        self.bytes = 0
+        self.hits = 0
+        self.not_modified = 0
+        self._cache = cache
+        self._cors = cors
+        self._kept: OrderedDict[tuple[str, _Rest], _Entry] = OrderedDict()
+        self._plans: OrderedDict[tuple[str, str, _Rest], Plan] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def find(self, wanted: Asked) -> tuple[Message, bytes] | None:
+        """Return the head and the body that the application would answer; None if they are not known here any more.
+
+        A body counts as a hit of the cache, and as used.
+        """
+        path, rest, known = wanted
+        key = path, rest
+        entry = self._kept.get(key)
+        if entry is None or not entry.plan.holds():
+            return None
+        self._kept.move_to_end(key)
+        if known is not None and (known == entry.quoted or wanted.knows(entry.tag)):
+            self.not_modified += 1
+            return entry.not_modified, b""
+        chunk = entry.found and self._cache.find(entry.tag)
+        if not (entry.found and chunk):
+            return None
+        self.hits += 1
+        return entry.found, chunk.body if entry.has_body else b""
+
+    def plan(self, wanted: Asked) -> tuple[Plan, ChunkKey] | None:
+        """Return how the application would answer, and the chunk; None if no such request was answered before."""
+        place = _PLACE.fullmatch(wanted.path)
+        if place is None:
+            return None
+        kind = place[1], place[6], wanted.rest
+        plan = self._plans.get(kind)
+        if plan is None or not plan.holds():
+            return None
+        self._plans.move_to_end(kind)
+        return plan, ChunkKey(*map(int, place.group(2, 3, 4, 5)))
+
+    def learn(self, wanted: Asked, plan: Plan) -> None:
+        """Answer by `plan` what differs from a request that was found good in its coordinates alone."""
+        place = _PLACE.fullmatch(wanted.path)
+        if place is None or _bytes(wanted) > KEY_BYTES_MAX:
+            return
+        self._plans[place[1], place[6], wanted.rest] = plan
+        if len(self._plans) > PLANS_MAX:
+            self._plans.popitem(last=False)
+
+    def keep(self, wanted: Asked, plan: Plan, tag: str, reply: Reply) -> None:
+        """Keep the head of `reply`, made by `plan`, whose body is in the cache under `tag`, as long as that holds."""
+        weight = _bytes(wanted)
+        if weight > KEY_BYTES_MAX or not plan.holds():
+            return
+        key = wanted.path, wanted.rest
+        entry = self._kept.get(key)
+        if entry is None:
+            self.bytes += weight + ENTRY_BYTES
+        if entry is None or entry.plan is not plan:
+            not_modified = self.start(wanted, plan.not_modified(tag))
+            entry = self._kept[key] = _Entry(plan, tag, b'"%b"' % tag.encode(), not_modified)
+        if reply.status != HTTPStatus.NOT_MODIFIED:
+            entry.found, entry.has_body = self.start(wanted, reply), reply.status == HTTPStatus.OK
+        while self.bytes > self.bytes_max:
+            (path, rest), _ = self._kept.popitem(last=False)
+            self.bytes -= _bytes(Asked(path, rest, None)) + ENTRY_BYTES
+
+    def start(self, wanted: Asked, reply: Reply) -> Message:
+        """Return the ASGI message that begins `reply`."""
+        headers = (*reply.headers, *self._cors.headers(wanted.origin))
+        return {"type": "http.response.start", "status": int(reply.status), "headers": headers}
+
+
+def _bytes(wanted: Asked) -> int:
+    """Return what the key weighs: four bytes a character at most, and the object of each part."""
+    return 64 * 6 + 4 * len(wanted.path) + sum(len(part) for part in wanted.rest if part is not None)

@@ -1,0 +1,97 @@
+"""What requests for chunks have in common that differ in the chunk's coordinates alone.
+
+A plan is made by a route, from a URL that it has parsed and found good. It then answers for every chunk beside that
+one, as long as it `holds`: nothing but the coordinates has to be looked at again.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from http import HTTPStatus
+from typing import Final, NamedTuple
+
+from chunkserver.grid import LOD_MAX, ChunkKey, check_key
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.server.etag import tags
+from chunkserver.wire import FORMATS, Encoding
+
+VARY: Final = "Accept, Accept-Encoding"
+WITHOUT_BODY: Final = Encoding().format
+"""The format in which an empty chunk is a 204. In the others it is a file without geometry."""
+IDENTITY: Final = Encoding().coding
+
+Headers = tuple[tuple[bytes, bytes], ...]
+
+
+class Reply(NamedTuple):
+    """All of one answer, as ASGI takes it."""
+
+    status: int
+    headers: Headers
+    body: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How all chunks are answered for that a kind of request can name.
+
+    template: a request for one of them.
+    tag: returns the entity tag of a chunk, without its quotes; also the cache's key.
+    headers: of every answer.
+    holds: whether the same request would be answered alike now.
+    lods: how many LODs there are.
+    """
+
+    template: ChunkRequest
+    tag: Callable[[ChunkKey], str]
+    headers: Headers
+    holds: Callable[[], bool]
+    lods: int
+
+    @classmethod
+    def of(
+        cls,
+        template: ChunkRequest,
+        headers: Mapping[str, str],
+        holds: Callable[[], bool],
+        epoch: str = "",
+        lods: int = LOD_MAX + 1,
+    ) -> "Plan":
+        """Return the plan for chunks like `template`. headers: those besides `ETag`, `Vary` and what tells of a body.
+
+        epoch: of the world, if they are chunks of one.
+        """
+        all_headers = {"Vary": VARY, **headers}
+        return cls(template, tags(template, epoch), _raw(all_headers), holds, lods)
+
+    def request(self, key: ChunkKey) -> ChunkRequest:
+        """Return the request for the chunk `key`. Raises `BadKey` if there is none."""
+        check_key(key, self.template.cells, self.lods)
+        return replace(self.template, key=key)
+
+    def not_modified(self, tag: str) -> Reply:
+        """Return the answer to a client that has the bytes named `tag`."""
+        return Reply(HTTPStatus.NOT_MODIFIED, ((b"etag", b'"%b"' % tag.encode()), *self.headers), b"")
+
+    def status(self, chunk: Chunk) -> HTTPStatus:
+        """Return the status of the answer that is `chunk`."""
+        empty = chunk.content != "surface" and self.template.encoding.format == WITHOUT_BODY
+        return HTTPStatus.NO_CONTENT if empty else HTTPStatus.OK
+
+    def found(self, tag: str, chunk: Chunk) -> Reply:
+        """Return the answer that is `chunk`, whose bytes are named `tag`."""
+        told = (
+            (b"etag", b'"%b"' % tag.encode()),
+            *self.headers,
+            (b"chunk-content", chunk.content.encode()),
+        )
+        if self.status(chunk) == HTTPStatus.NO_CONTENT:
+            return Reply(HTTPStatus.NO_CONTENT, told, b"")
+        encoding = self.template.encoding
+        coding = () if encoding.coding == IDENTITY else ((b"content-encoding", encoding.coding.encode()),)
+        length = (b"content-length", b"%d" % len(chunk.body))
+        media_type = (b"content-type", FORMATS[encoding.format].media_type.encode())
+        return Reply(HTTPStatus.OK, (*told, length, media_type, *coding), chunk.body)
+
+
+def _raw(headers: Mapping[str, str]) -> Headers:
+    return tuple((name.lower().encode(), value.encode("latin-1")) for name, value in headers.items())
