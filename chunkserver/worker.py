@@ -3,11 +3,14 @@
     server ---- control ----> fork server     the server's one child: imports and warms everything, once
        |                           | fork
        +-------- pipe -------> worker         shares the fork server's memory; builds one chunk at a time
+       +-------- slot -------> (memory)       holds the body that the worker has just built
 
-    control   <- Warmth, once                 -> one byte with a socket: fork a worker that serves it
-    pipe      <- pid, once; then an Answer for each request       -> ChunkRequest
+    control   <- Warmth, once                 -> one byte with a socket and a slot: fork a worker that serves them
+    pipe      <- pid, once; then an Answer for each request       -> ChunkRequest and its deadline
 
-Each message is a frame: u32 little-endian length, then that many bytes of pickle. Both ends run the same code.
+Each message is a frame: u32 little-endian length, then that many bytes of pickle. Both ends run the same code. A
+deadline is a time of the monotonic clock, which all processes of a machine share. Needs Linux, for its memory without
+a name.
 
 Nothing outlives the server, however it ends: its end of the control socket closes with it, and the fork server, also
 while it warms, then kills its process group, so that a worker that hangs ends too. SIGINT and SIGTERM are ignored here:
@@ -17,6 +20,7 @@ web stack.
 
 import fcntl
 import gc
+import mmap
 import os
 import pickle
 import select
@@ -31,15 +35,18 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, NoReturn, get_args
 
 import numpy as np
 
-from chunkserver.errors import ChunkError, WireError
+from chunkserver.errors import ChunkError, DeadlinePassed, WireError
 from chunkserver.field import compile_beside, compile_interpreter
 from chunkserver.grid import CELLS_BUILT, ChunkKey, ChunkShape
 from chunkserver.kernel import CACHE_DIR, SOURCES_DIGEST, cache_root
-from chunkserver.mesh import NormalKind
+from chunkserver.mesh import Content, NormalKind
 from chunkserver.mesher import MESHERS, extract
 from chunkserver.pipeline import Chunk, ChunkRequest, build_chunk
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
@@ -47,18 +54,42 @@ from chunkserver.samples import Samples
 from chunkserver.wire import FORMATS, Encoding
 
 HEADER: Final = struct.Struct("<I")
-REQUEST_BYTES_MAX: Final = 1 << 18
-ANSWER_BYTES_MAX: Final = 1 << 27
+FRAME_BYTES_MAX: Final = 1 << 18
+TRACEBACK_CHARACTERS_MAX: Final = 1 << 14
+"""Its end is kept. Fits a frame."""
+BODY_BYTES_MAX: Final = 1 << 27
 """A chunk of 64 cells, all of them active, in the widest profile is about a third of this."""
+SLOT_BYTES: Final = 1 << 20
+"""Of each worker, kept; a longer body makes the slot larger, until it is taken."""
+JOBS_PER_MEASURE: Final = 16
+"""How often a worker asks how much memory it has: that takes 30 us."""
+
+assert 4 * TRACEBACK_CHARACTERS_MAX < FRAME_BYTES_MAX
 
 COMPILE_REST: Final = (sys.executable, "-P", "-c", "from chunkserver.worker import compile_rest; compile_rest()")
 
 CACHE_FOLDERS_MAX: Final = 8
 """Folders of compiled code that `warm` keeps, the current one included."""
 
-Answer = Chunk | ChunkError | str
-"""What a worker says to a request: the chunk, an error of ours, or the traceback of anything else (for the log)."""
-Build = Callable[[ChunkRequest], Chunk]
+Build = Callable[[ChunkRequest, Callable[[str], object]], Chunk]
+
+
+class Built(NamedTuple):
+    """What a worker says of a chunk that it has built: on the pipe a plain tuple, in half the time.
+
+    length: of the body, which is in the slot.
+    seconds: by stage.
+    grown_bytes: memory of the worker's own, beyond what it was forked with, as last measured.
+    """
+
+    content: Content
+    length: int
+    seconds: dict[str, float]
+    grown_bytes: int
+
+
+Answer = Built | ChunkError | str
+"""What a worker says to a request: what it built, an error of ours, or the traceback of anything else (for the log)."""
 
 
 class Warmth(NamedTuple):
@@ -92,6 +123,46 @@ def frame_bytes(header: bytes, bytes_max: int) -> int:
     return int(length)
 
 
+def slot_memory() -> int:
+    """Return the descriptor of new memory for a `Slot`. Raises OSError if there is none to be had."""
+    descriptor = os.memfd_create("chunkserver-slot")
+    os.ftruncate(descriptor, SLOT_BYTES)
+    return descriptor
+
+
+class Slot:
+    """Memory that the server shares with one worker. It has no name: it is gone with the two, however they end.
+
+    A body is put into it on one side, then taken out of it on the other: the pipe says when, and how long it is.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        """Map what `slot_memory` made. The descriptor is not needed any more then."""
+        self._memory = mmap.mmap(descriptor, SLOT_BYTES)
+
+    def put(self, body: bytes) -> None:
+        """Write `body`. Raises `WireError` if it has more than `BODY_BYTES_MAX` bytes."""
+        if len(body) > BODY_BYTES_MAX:
+            message = f"a body has {len(body)} bytes; the limit is {BODY_BYTES_MAX}"
+            raise WireError(message, bytes=len(body), bytes_max=BODY_BYTES_MAX)
+        if len(body) > SLOT_BYTES:
+            self._memory.resize(len(body))
+        self._memory[: len(body)] = body
+
+    def take(self, length: int) -> bytes:
+        """Return a copy of the `length` bytes that were put, and give back all memory beyond `SLOT_BYTES`."""
+        if length <= SLOT_BYTES:
+            return self._memory[:length]
+        self._memory.resize(length)
+        body = self._memory[:length]
+        self._memory.resize(SLOT_BYTES)  # the other side has more mapped, and touches it only once it has grown again
+        return body
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._memory.close()
+
+
 def receive(pipe: BinaryIO, bytes_max: int) -> Any:
     """Return the next value from `pipe`, or None at its end. Raises `WireError` on a torn or oversized frame."""
     header = pipe.read(HEADER.size)
@@ -104,24 +175,60 @@ def receive(pipe: BinaryIO, bytes_max: int) -> Any:
     return pickle.loads(pickled)
 
 
-def serve(pipe: socket.socket, build: Build = build_chunk) -> None:
+class _Stages:
+    """Times the stages of one build, and ends it before the next of them once its deadline has passed."""
+
+    def __init__(self, deadline: float) -> None:
+        self._deadline = deadline
+        self._begun: list[tuple[str, float]] = []
+
+    def __call__(self, stage: str) -> None:
+        now = time.monotonic()
+        if now > self._deadline:
+            raise DeadlinePassed(f"the build was given up before its {stage} stage", stage=stage)
+        self._begun.append((stage, now))
+
+    def seconds(self) -> dict[str, float]:
+        """Return how long each stage took; the last one has just ended."""
+        times = [*self._begun, ("", time.monotonic())]
+        return {stage: end - begin for (stage, begin), (_, end) in pairwise(times)}
+
+
+def serve(pipe: socket.socket, slot: Slot, build: Build = build_chunk) -> None:
     """Be a worker: say our pid, then answer each request until the pipe ends. Raises what `receive` raises."""
     with pipe, pipe.makefile("rb") as requests:
-        pipe.sendall(pack(os.getpid(), ANSWER_BYTES_MAX))
-        while (request := receive(requests, REQUEST_BYTES_MAX)) is not None:
-            pipe.sendall(_answer(request, build))
+        at_first = _own_bytes()
+        grown = jobs = 0
+        pipe.sendall(pack(os.getpid(), FRAME_BYTES_MAX))
+        while (asked := receive(requests, FRAME_BYTES_MAX)) is not None:
+            jobs += 1
+            if jobs % JOBS_PER_MEASURE == 0:
+                grown = _own_bytes() - at_first
+            request, deadline = asked
+            pipe.sendall(_answer(partial(build, request), _Stages(deadline), slot, grown))
 
 
-def _answer(request: ChunkRequest, build: Build) -> bytes:
+def _own_bytes() -> int:
+    """Return how much memory of this process is in RAM and stands for no file: see proc(5), statm."""
+    _, resident, of_files, *_ = Path("/proc/self/statm").read_bytes().split()
+    return (int(resident) - int(of_files)) * mmap.PAGESIZE
+
+
+def _answer(build: Callable[[_Stages], Chunk], stages: _Stages, slot: Slot, grown_bytes: int) -> bytes:
     try:
-        return pack(_attempt(request, build), ANSWER_BYTES_MAX)
+        answer = _attempt(build, stages)
+        if isinstance(answer, Chunk):
+            slot.put(answer.body)
+            built = Built(answer.content, len(answer.body), stages.seconds(), grown_bytes)
+            return pack(tuple(built), FRAME_BYTES_MAX)
+        return pack(answer, FRAME_BYTES_MAX)
     except Exception:  # noqa: BLE001 - whatever it was, it is this request's alone: the worker lives on
-        return pack(traceback.format_exc(), ANSWER_BYTES_MAX)
+        return pack(traceback.format_exc()[-TRACEBACK_CHARACTERS_MAX:], FRAME_BYTES_MAX)
 
 
-def _attempt(request: ChunkRequest, build: Build) -> Chunk | ChunkError:
+def _attempt(build: Callable[[_Stages], Chunk], stages: _Stages) -> Chunk | ChunkError:
     try:
-        return build(request)
+        return build(stages)
     except ChunkError as error:
         return error
 
@@ -209,12 +316,13 @@ def main(build: Build = build_chunk, warm_up: Callable[[], Warmth] = warm) -> No
     with socket.socket(fileno=int(sys.argv[1])) as control, suppress(ConnectionError):
         with _ending_with(control):
             warmth = warm_up()
-        control.sendall(pack(tuple(warmth), ANSWER_BYTES_MAX))
+        control.sendall(pack(tuple(warmth), FRAME_BYTES_MAX))
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps: no worker is ever left as a zombie
         gc.collect()
         gc.freeze()  # a worker's collections leave the shared pages alone
-        while descriptors := socket.recv_fds(control, 1, 1)[1]:
-            _fork(control, socket.socket(fileno=descriptors[0]), build)
+        while descriptors := socket.recv_fds(control, 1, 2)[1]:
+            pipe, memory = descriptors
+            _fork(control, socket.socket(fileno=pipe), memory, build)
     _end()
 
 
@@ -242,14 +350,17 @@ def _watch(control: socket.socket, over: socket.socket) -> None:
         _end()
 
 
-def _fork(control: socket.socket, pipe: socket.socket, build: Build) -> None:
+def _fork(control: socket.socket, pipe: socket.socket, memory: int, build: Build) -> None:
     with pipe:
         if os.fork() != 0:
+            os.close(memory)
             return
         try:
             control.close()  # the only descriptor of the fork server's that we hold: with it, its end would be hidden
+            slot = Slot(memory)
+            os.close(memory)
             with suppress(ConnectionError):
-                serve(pipe, build)
+                serve(pipe, slot, build)
         except BaseException:  # noqa: BLE001 - nothing may unwind into the fork server's frames
             traceback.print_exc()
         finally:

@@ -4,49 +4,62 @@
                 ^            |
                 +---- lost --+     once; a request that was on LOSSES_MAX lost workers is refused
 
-The supervisor keeps the number of workers: it forks one for each that is lost. When the fork server ends, or does not
-fork in time, it kills all that is left of it and starts another; jobs wait meanwhile, as long as their callers do, and
-those that it took from killed workers have lost nothing.
-Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
+A worker is lost when it ends, and when it hangs: then it is killed. The supervisor keeps the number of workers: it
+forks one for each that is lost or has grown too large. When the fork server ends, or does not fork in time, it kills
+all that is left of it and starts another; jobs wait meanwhile, until their deadline, and those that its workers had
+have lost nothing. Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
 """
 
 import asyncio
 import logging
-from collections import deque
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WorkerLost
+from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WireError, WorkerLost
 from chunkserver.pipeline import Chunk, ChunkRequest
-from chunkserver.server.workers import FORK_SERVER, ForkServer, Job, Worker
+from chunkserver.server.job import URGENCY_DEFAULT, Job, rank
+from chunkserver.server.tally import QUEUE, Tally
+from chunkserver.server.waiting import Waiting
+from chunkserver.server.workers import FORK_SERVER, ForkServer, Worker
 
 RETRY_SECONDS: Final = 0.05
 RETRY_SECONDS_MAX: Final = 5.0
 LOSSES_MAX: Final = 2
+JUDGED_SECONDS: Final = 0.02
+"""From the end of a worker until it is known whether the fork server has ended too, which may be seen later."""
+TICK_SECONDS: Final = 0.05
+"""How often deadlines are looked at. A timer for each job costs more than all the rest of it."""
 
 _log: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What bounds the waiting.
+    """What bounds the waiting, and the workers.
 
     jobs_waiting: jobs without a worker; one more is refused.
     answer_seconds: from the request to its answer, waiting included.
-    build_seconds: one build; a worker that takes longer is taken for hung.
+    build_seconds: one build; a worker that takes longer is taken for hung. Its job is tried once more, so that twice
+        this lies well within `answer_seconds`.
+    worker_bytes: what a worker's own memory may have grown by before it is replaced.
     """
 
     jobs_waiting: int = 256
     answer_seconds: float = 30.0
     build_seconds: float = 10.0
+    worker_bytes: int = 1 << 28
 
 
 LIMITS_DEFAULT: Final = Limits()
 
 
 class Pool:
-    """Builds chunks in `workers` processes. Belongs to the event loop in which it is started."""
+    """Builds chunks in `workers` processes. Belongs to the event loop in which it is started.
+
+    tally: what it has counted.
+    """
 
     def __init__(
         self,
@@ -54,17 +67,20 @@ class Pool:
         limits: Limits = LIMITS_DEFAULT,
         command: Sequence[str] = FORK_SERVER,
     ) -> None:
+        self.tally = Tally()
         self._count = workers
         self._limits = limits
         self._command = command
         self._workers: set[Worker] = set()
         self._idle: list[Worker] = []
-        self._waiting: deque[Job] = deque()
+        self._waiting = Waiting(limits.jobs_waiting)
+        self._lost_jobs: dict[Job, ForkServer] = {}
+        self._fork_server: ForkServer | None = None
         self._ready = asyncio.Event()
         self._changed = asyncio.Event()
         self._retry_seconds = RETRY_SECONDS
         self._closing = False
-        self._supervisor: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     @property
     def ready(self) -> bool:
@@ -77,76 +93,146 @@ class Pool:
 
     async def start(self) -> None:
         """Begin to start the workers. Returns at once: `ready` tells when they are there."""
-        self._supervisor = asyncio.create_task(self._supervise())
+        self._tasks = [asyncio.create_task(self._supervise()), asyncio.create_task(self._watch())]
 
     @property
     def waiting(self) -> int:
         """How many jobs wait for a worker."""
         return len(self._waiting)
 
-    async def build(self, request: ChunkRequest, begun: Callable[[], None] = lambda: None) -> Chunk:
+    @property
+    def busy(self) -> int:
+        """How many workers have a job."""
+        return sum(worker.job is not None for worker in self._workers)
+
+    def refuses(self, urgency: int, lod: int = 0) -> bool:
+        """Whether `build` would raise `Overloaded` now for a request of this urgency, at distance 0. Cheap."""
+        return self._waiting.refuses(rank(urgency, 0.0, lod))
+
+    async def build(
+        self,
+        request: ChunkRequest,
+        begun: Callable[[], None] = lambda: None,
+        *,
+        urgency: int = URGENCY_DEFAULT,
+        distance: float = 0.0,
+    ) -> Chunk:
         """Return what `build_chunk` returns, made by a worker. Cancelled before it calls `begun`, it leaves the queue.
 
         begun: called when a worker gets the request, and once more if that worker is lost.
+        urgency: from 0, first, to 7. distance: from the viewer, in chunk lengths; of equal urgency the near ones are
+            first, of these the coarse ones.
 
         Raises what `build_chunk` raises; `Overloaded`, `DeadlinePassed`, `WorkerLost`, or `Unavailable` while the pool
         closes; plain `ChunkError` for a fault of ours, which is in the log.
         """
         if self._closing:
-            raise Unavailable("the server is stopping")
-        if len(self._waiting) >= self._limits.jobs_waiting:
-            raise Overloaded(f"{len(self._waiting)} requests are waiting for a worker", waiting=len(self._waiting))
-        job = Job.of(request, begun)
-        self._waiting.append(job)
+            raise _stopping()
+        job = Job.of(request, self._limits.answer_seconds, rank(urgency, distance, request.key.lod), begun)
+        refused = self._waiting.push(job)
+        if refused is not None:
+            self.tally.refused += 1
+            waiting = len(self._waiting)
+            refused.settle(Overloaded(f"{waiting} requests are waiting for a worker", waiting=waiting))
         self._give_out()
         try:
-            async with asyncio.timeout(self._limits.answer_seconds):
-                return await job.answer
-        except TimeoutError:
-            seconds = self._limits.answer_seconds
-            raise DeadlinePassed(f"no answer within {seconds:g} s", answer_seconds=seconds) from None
+            return await job.answer
         finally:
-            if job in self._waiting:
-                self._waiting.remove(job)
+            self._waiting.leave(job)
 
     async def close(self) -> None:
         """End all workers. Jobs that are not done raise `Unavailable`; builds that should finish are awaited before."""
         self._closing = True
-        if self._supervisor is not None:
-            self._supervisor.cancel()
-            await asyncio.wait([self._supervisor])
-        for job in self._waiting:
-            job.settle(Unavailable("the server is stopping"))
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks)
+        for job in (*self._waiting, *self._lost_jobs):
+            job.settle(_stopping())
 
     def _give_out(self) -> None:
-        while self._waiting and self._idle:
-            job = self._waiting.popleft()
+        now = time.monotonic()
+        while self._idle and (job := self._waiting.take(now)) is not None:
+            try:
+                self._idle[-1].give(job, now)
+            except WireError as error:
+                job.settle(error)
+                continue
+            self._idle.pop()
+            self.tally.seconds[QUEUE].observe(now - job.asked)
             job.begun()
-            self._idle.pop().give(job, self._limits.build_seconds)
 
     def _worker_idle(self, worker: Worker) -> None:
         self._idle.append(worker)
+        if self._is_worn(worker):
+            self._changed.set()
+        if len(self._workers) > self._count:
+            self._retire()
         self._give_out()
 
+    def _is_worn(self, worker: Worker) -> bool:
+        return worker.grown_bytes > self._limits.worker_bytes
+
+    def _retire(self) -> None:
+        """End idle workers that have grown too large, as far as others are there in their place."""
+        surplus = sum(worker.pid != 0 for worker in self._workers) - self._count
+        for worker in [worker for worker in self._idle if self._is_worn(worker)][: max(0, surplus)]:
+            _log.info("worker %d has grown by %d bytes: it is replaced", worker.pid, worker.grown_bytes)
+            self.tally.recycled += 1
+            self._idle.remove(worker)
+            self._workers.discard(worker)
+            worker.kill()
+
     def _worker_lost(self, worker: Worker) -> None:
+        if worker not in self._workers:  # it was ended on purpose
+            return
         self._workers.discard(worker)
         if worker in self._idle:
             self._idle.remove(worker)
-        job = worker.job
-        if worker.pid != 0 and not self._closing:  # one that never came to be is told of by who asked for it
+        job = worker.take_back()
+        if worker.pid != 0:  # one that never came to be is told of by who asked for it
+            self.tally.lost += 1
             _log.warning("worker %d is lost%s", worker.pid, f" while it built {job.request.key}" if job else "")
-        if job is not None and not job.answer.done():
-            self._retry(job)
+        if job is not None and self._fork_server is not None:
+            self._lost_jobs[job] = self._fork_server
+            asyncio.get_running_loop().call_later(JUDGED_SECONDS, self._judge, job)
         self._changed.set()
 
-    def _retry(self, job: Job) -> None:
-        job.losses += 1
+    def _judge(self, job: Job) -> None:
+        """Let the job of a lost worker wait again, or refuse it. What went with the fork server is no loss of its."""
+        job.losses += self._lost_jobs.pop(job).alive
+        if job.answer.done():
+            return
         if job.losses >= LOSSES_MAX:
-            message = f"{job.losses} workers ended while they built this chunk"
+            message = f"{job.losses} workers ended, or took too long, while they built this chunk"
             job.settle(WorkerLost(message, key=list(job.request.key), losses=job.losses))
         else:
-            self._waiting.appendleft(job)
+            self.tally.retried += 1
+            self._waiting.put_back(job)
             self._give_out()
+
+    async def _watch(self) -> None:
+        """Keep all deadlines."""
+        while True:
+            await asyncio.sleep(TICK_SECONDS)
+            now = time.monotonic()
+            self._kill_hung(now)
+            jobs = (worker.job for worker in self._workers if worker.job is not None)
+            for job in [job for job in (*self._waiting, *jobs) if now > job.deadline]:
+                self._expire(job)
+
+    def _kill_hung(self, now: float) -> None:
+        seconds = self._limits.build_seconds
+        for worker in [worker for worker in self._workers if worker.busy_seconds(now) > seconds]:
+            self.tally.hung += 1
+            _log.error("worker %d takes over %g s: it is killed", worker.pid, seconds)
+            worker.kill()
+
+    def _expire(self, job: Job) -> None:
+        """Tell the caller that it is too late. A worker that has the job gives it up by itself."""
+        self._waiting.leave(job)
+        seconds = self._limits.answer_seconds
+        self.tally.expired += job.settle(DeadlinePassed(f"no answer within {seconds:g} s", answer_seconds=seconds))
 
     async def _supervise(self) -> None:
         while True:
@@ -157,7 +243,7 @@ class Pool:
             await self._pause()
 
     async def _run_fork_server(self) -> None:
-        fork_server = ForkServer(self._command, self._changed.set)
+        fork_server = self._fork_server = ForkServer(self._command, self._changed.set)
         try:
             warmth = await fork_server.connect()
             _log.info("warm after %.2f s, %d functions compiled", warmth.seconds, warmth.compiled)
@@ -169,16 +255,17 @@ class Pool:
 
     def _kill_workers(self) -> None:
         """Their jobs wait again, now and not when the pipes are seen to end: this loss is no fault of theirs."""
+        workers, self._workers = self._workers, set()
         self._idle.clear()
-        for worker in list(self._workers):
+        for worker in workers:
             job = worker.take_back()
             if job is not None and not job.answer.done():
-                self._waiting.appendleft(job)
+                self._waiting.put_back(job)
             worker.kill()
 
     async def _keep_workers(self, fork_server: ForkServer) -> None:
         while fork_server.alive:
-            if len(self._workers) < self._count:
+            if sum(not self._is_worn(worker) for worker in self._workers) < self._count:
                 await self._start_worker(fork_server)
             else:
                 self._ready.set()
@@ -187,7 +274,7 @@ class Pool:
         raise ConnectionError("it has ended")
 
     async def _start_worker(self, fork_server: ForkServer) -> None:
-        worker = Worker(self._worker_idle, self._worker_lost)
+        worker = Worker(self.tally, self._worker_idle, self._worker_lost)
         self._workers.add(worker)
         try:
             await fork_server.fork(worker)
@@ -203,3 +290,7 @@ class Pool:
         """Wait a little; twice as long as the last time, unless a worker has started since."""
         seconds, self._retry_seconds = self._retry_seconds, min(2 * self._retry_seconds, RETRY_SECONDS_MAX)
         await asyncio.sleep(seconds)
+
+
+def _stopping() -> Unavailable:
+    return Unavailable("the server is stopping")

@@ -25,7 +25,7 @@ from chunkserver.errors import (
     Unavailable,
     WorkerLost,
 )
-from chunkserver.server.workers import BuildFault
+from chunkserver.server.job import BuildFault
 
 MEDIA_TYPE: Final = "application/problem+json"
 TYPE_PREFIX: Final = "urn:chunkserver:problem:"

@@ -7,12 +7,15 @@ One worker:
                |           |  ^                    | |
                |           |  +------ answer ------+ |
         end of |    end of |               end of    |  too slow: killed,
-          pipe |      pipe |                 pipe    |  then the pipe ends
+          pipe |     pipe, |                 pipe    |  then the pipe ends
+               |     grown: killed once              |
+               |     replaced                        |
                v           v                         v
                                   LOST
 
-A worker has at most one job, and a pipe of its own: what is lost with it is that job and nothing else. Whether the
-caller still waits does not matter here: the answer is read all the same, so the pipe never gets out of step.
+A worker has at most one job, and a pipe and a slot of its own: what is lost with it is that job and nothing else.
+Whether the caller still waits does not matter here: the answer is read all the same, so that the pipe is never out of
+step.
 """
 
 import asyncio
@@ -24,15 +27,17 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final, cast
 
-from chunkserver.errors import ChunkError, DeadlinePassed, Unavailable, WireError
+from chunkserver.errors import DeadlinePassed, Unavailable, WireError
 from chunkserver.kernel import SOURCES_DIGEST
-from chunkserver.pipeline import Chunk, ChunkRequest
-from chunkserver.worker import ANSWER_BYTES_MAX, HEADER, REQUEST_BYTES_MAX, Answer, Warmth, frame_bytes, pack
+from chunkserver.pipeline import Chunk
+from chunkserver.server.job import Job
+from chunkserver.server.tally import BUILD, Tally
+from chunkserver.worker import FRAME_BYTES_MAX, HEADER, Answer, Built, Slot, Warmth, frame_bytes, slot_memory
 
 FORK_SERVER: Final = (sys.executable, "-P", "-m", "chunkserver.worker")
 """-P: what lies in the working directory is not imported."""
@@ -41,46 +46,10 @@ FORK_SERVER_ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS"
 WARM_SECONDS_MAX: Final = 300.0
 START_SECONDS_MAX: Final = 10.0
 """From asking for a fork to the worker's first word."""
-BUFFER_BYTES: Final = 1 << 18
-"""Of each pipe, kept; a longer answer gets a buffer of its own."""
+BUFFER_BYTES: Final = 1 << 12
+"""Of each pipe, kept; a longer frame gets a buffer of its own."""
 
 _log: Final = logging.getLogger(__name__)
-
-
-class BuildFault(ChunkError):
-    """A fault of ours in a worker. Its cause is in the log when this is raised."""
-
-
-@dataclass(eq=False, slots=True)
-class Job:
-    """One request on its way through the workers.
-
-    begun: to be called when a worker gets it. losses: counts the workers that were lost with it.
-    """
-
-    request: ChunkRequest
-    frame: bytes
-    answer: asyncio.Future[Chunk]
-    begun: Callable[[], None]
-    losses: int = 0
-
-    @classmethod
-    def of(cls, request: ChunkRequest, begun: Callable[[], None] = lambda: None) -> "Job":
-        """Return a new job. Raises `WireError` if the request is too large for a frame."""
-        return cls(request, pack(request, REQUEST_BYTES_MAX), asyncio.get_running_loop().create_future(), begun)
-
-    def settle(self, answer: Answer) -> None:
-        """Give the caller, if still there, what a worker said."""
-        if isinstance(answer, str):
-            _log.error("%s failed: %s", self.request.key, answer.strip().replace("\n", " | "))
-            message = "the chunk could not be built; the server's log says why"
-            answer = BuildFault(message, key=list(self.request.key))
-        if self.answer.done():
-            return
-        if isinstance(answer, Chunk):
-            self.answer.set_result(answer)
-        else:
-            self.answer.set_exception(answer)
 
 
 class _Pipe(asyncio.BufferedProtocol):
@@ -114,7 +83,7 @@ class _Pipe(asyncio.BufferedProtocol):
     def _take_frame(self) -> None:
         if self._filled < HEADER.size:
             return
-        end = HEADER.size + frame_bytes(bytes(self._buffer[: HEADER.size]), ANSWER_BYTES_MAX)
+        end = HEADER.size + frame_bytes(bytes(self._buffer[: HEADER.size]), FRAME_BYTES_MAX)
         if self._filled > end:
             raise WireError(f"{self._filled - end} bytes follow a frame", bytes=self._filled - end)
         if self._filled == end:
@@ -144,27 +113,35 @@ class _State(enum.Enum):
 
 
 class Worker(_Pipe):
-    """One worker process, as drawn above. `idle` and `lost` are told when it gets there."""
+    """One worker process, as drawn above. `idle` and `lost` are told when it gets there.
 
-    def __init__(self, idle: Callable[["Worker"], None], lost: Callable[["Worker"], None]) -> None:
+    slot: there once it is forked. grown_bytes: its own memory, as it last told.
+    """
+
+    def __init__(self, tally: Tally, idle: Callable[["Worker"], None], lost: Callable[["Worker"], None]) -> None:
         super().__init__()
         self.pid = 0
         self.job: Job | None = None
+        self.slot: Slot
         self.started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self.grown_bytes = 0
         self._state = _State.STARTING
+        self._tally = tally
         self._idle = idle
         self._lost = lost
-        self._clock: asyncio.TimerHandle | None = None
+        self._given = 0.0
 
-    def give(self, job: Job, build_seconds_max: float) -> None:
-        """Send `job` to this idle worker, and kill the worker if it takes longer than that."""
-        self._state, self.job = _State.BUSY, job
-        self.write(job.frame)
-        self._clock = asyncio.get_running_loop().call_later(build_seconds_max, self._hung, job, build_seconds_max)
+    def give(self, job: Job, now: float) -> None:
+        """Send `job` to this idle worker. Raises `WireError`, and stays idle, if the request is too large."""
+        self.write(job.frame())
+        self._state, self.job, self._given = _State.BUSY, job, now
+
+    def busy_seconds(self, now: float) -> float:
+        """Return for how long it has had its job; 0 if it has none."""
+        return now - self._given if self.job is not None else 0.0
 
     def take_back(self) -> Job | None:
         """Return the job that it has not answered, if any: it is not its own any more, and not lost with it."""
-        self._stop_clock()
         job, self.job = self.job, None
         return job
 
@@ -184,28 +161,31 @@ class Worker(_Pipe):
         elif self.job is None:
             raise WireError("a worker answers what nobody has asked", pid=self.pid)
         else:
-            self._stop_clock()
-            self.job.settle(value)
+            self._settle(self.job, Built(*value) if isinstance(value, tuple) else value)
         self._state, self.job = _State.IDLE, None
         self._idle(self)
 
-    def _hung(self, job: Job, build_seconds_max: float) -> None:
-        _log.error("worker %d takes over %g s for %s: it is killed", self.pid, build_seconds_max, job.request.key)
-        message = f"the chunk took longer than {build_seconds_max:g} s to build"
-        job.settle(DeadlinePassed(message, build_seconds_max=build_seconds_max))
-        self.kill()
+    def _settle(self, job: Job, answer: Answer) -> None:
+        tally = self._tally
+        if isinstance(answer, Built):
+            self.grown_bytes = answer.grown_bytes
+            job.settle(Chunk(answer.content, self.slot.take(answer.length)))
+            tally.done += 1
+            tally.seconds[BUILD].observe(time.monotonic() - self._given)
+            for stage, seconds in answer.seconds.items():
+                tally.seconds[stage].observe(seconds)
+        else:
+            settled = job.settle(job.fault(answer) if isinstance(answer, str) else answer)
+            tally.failed += 1
+            tally.expired += settled and isinstance(answer, DeadlinePassed)
 
     def connection_lost(self, _error: Exception | None) -> None:
         """Be lost."""
-        self._stop_clock()
         self._state = _State.LOST
+        self.slot.close()
         if not self.started.done():
             self.started.set_exception(ConnectionError("a worker ended before its first word"))
         self._lost(self)
-
-    def _stop_clock(self) -> None:
-        if self._clock is not None:
-            self._clock.cancel()
 
 
 class ForkServer(_Pipe):
@@ -238,16 +218,24 @@ class ForkServer(_Pipe):
 
     async def fork(self, worker: Worker) -> None:
         """Start `worker`. Raises OSError if it says nothing in time, ConnectionError if it ends instead."""
-        ours, theirs = socket.socketpair()
-        with theirs:
-            try:
-                socket.send_fds(self._control, [b"f"], [theirs.fileno()])
-            except OSError:
-                ours.close()
-                raise
+        memory = slot_memory()
+        try:
+            worker.slot = Slot(memory)
+            ours, theirs = socket.socketpair()
+            with theirs:
+                self._ask_for_fork(ours, theirs.fileno(), memory)
+        finally:
+            os.close(memory)
         await asyncio.get_running_loop().create_connection(lambda: worker, sock=ours)
         async with asyncio.timeout(START_SECONDS_MAX):
             await worker.started
+
+    def _ask_for_fork(self, ours: socket.socket, *descriptors: int) -> None:
+        try:
+            socket.send_fds(self._control, [b"f"], descriptors)
+        except OSError:
+            ours.close()
+            raise
 
     async def end(self) -> None:
         """Kill it with all its workers, and wait until it has ended."""

@@ -69,7 +69,7 @@ DEEDS = {
 }
 
 
-def build(request: ChunkRequest) -> Chunk:
+def build(request: ChunkRequest, _stage: object = None) -> Chunk:
     deed, argument = json.loads(request.recipe.source)
     if deed == "size":
         return Chunk("surface", bytes(int(argument)))

@@ -13,9 +13,8 @@ import pytest
 import uvloop
 
 from chunkserver.errors import BadKey, DeadlinePassed, Overloaded, Unavailable, WorkerLost
-from chunkserver.pipeline import Chunk
+from chunkserver.server.job import BuildFault
 from chunkserver.server.pool import LOSSES_MAX, RETRY_SECONDS, Limits, Pool
-from chunkserver.server.workers import BuildFault
 from tests.fault import stub
 from tests.fault.pools import alive, children, fork_server, right, running, until, workers
 from tests.scale import count
@@ -115,35 +114,38 @@ def test_a_request_that_kills_its_workers_is_refused_and_takes_no_other_with_it(
     assert sum("is lost while it built" in record.message for record in caplog.records) == LOSSES_MAX
 
 
-@pytest.mark.parametrize("stop", [False, True], ids=["hangs", "is stopped"])
-def test_a_worker_that_takes_too_long_is_killed_alone(run, stop, caplog, tmp_path):
-    async def hang(pool: Pool) -> tuple[int, asyncio.Task[Chunk]]:
-        """Return the pid of a worker that hangs, and its job."""
-        if not stop:
-            marker = tmp_path / "hangs"
-            job = asyncio.create_task(pool.build(stub.ask("hang", str(marker))))
-            await until(lambda: marker.exists() and marker.read_text())
-            return int(marker.read_text()), job
-        pid = workers()[0]
-        os.kill(pid, signal.SIGSTOP)
-        jobs = [asyncio.create_task(pool.build(stub.ask(x=x))) for x in range(2)]  # one for each worker
-        (job,) = (await asyncio.wait(jobs, return_when=asyncio.FIRST_COMPLETED))[1]
-        return pid, job
-
+def test_a_request_that_hangs_its_workers_is_refused_and_takes_no_other_with_it(run, caplog, tmp_path):
     async def scenario():
-        async with running(limits=Limits(build_seconds=3.0)) as pool:
-            before = set(workers())
-            pid, job = await hang(pool)
+        async with running(limits=Limits(build_seconds=1.0)) as pool:
+            before, marker = set(workers()), tmp_path / "hangs"
+            hung = asyncio.create_task(pool.build(stub.ask("hang", str(marker), 3)))
+            await until(lambda: marker.exists() and marker.read_text())
+            first = int(marker.read_text())
             await right(pool, *range(20))
-            assert not job.done()
-            with pytest.raises(DeadlinePassed) as passed:
-                await job
-            assert passed.value.values == {"build_seconds_max": 3.0}
-            await until(lambda: len(workers()) == 2 and before - set(workers()) == {pid})
+            assert not hung.done()
+            with pytest.raises(WorkerLost, match="took too long") as refused:
+                await hung
+            assert refused.value.values == {"key": [0, 3, 0, 0], "losses": LOSSES_MAX}
+            await until(lambda: len(workers()) == 2)
+            assert first in before - set(workers())
             await right(pool, *range(20))
+            assert (pool.tally.hung, pool.tally.lost, pool.tally.retried) == (LOSSES_MAX, LOSSES_MAX, LOSSES_MAX - 1)
 
     run(scenario())
-    assert sum("it is killed" in record.message for record in caplog.records) == 1
+    assert sum("it is killed" in record.message for record in caplog.records) == LOSSES_MAX
+
+
+def test_the_job_of_a_worker_that_is_stopped_is_tried_once_more(run):
+    async def scenario():
+        async with running(limits=Limits(build_seconds=0.5)) as pool:
+            stopped = workers()[0]
+            os.kill(stopped, signal.SIGSTOP)
+            await right(pool, *range(20))
+            await until(lambda: len(workers()) == 2)
+            assert stopped not in workers()
+            assert (pool.tally.hung, pool.tally.retried) == (1, 1)
+
+    run(scenario())
 
 
 @on_both_loops

@@ -2,15 +2,18 @@
 
 import io
 import os
+import random
 import socket
 import sys
 import threading
+import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
 from chunkserver import worker
-from chunkserver.errors import BadKey, ChunkError, WireError
+from chunkserver.errors import BadKey, ChunkError, DeadlinePassed, WireError
 from chunkserver.grid import ChunkKey
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.mesher import MESHERS
@@ -50,39 +53,138 @@ def test_a_frame_longer_than_the_limit_is_neither_made_nor_read():
     assert made.value.values == read.value.values == {"bytes": length, "bytes_max": length - 1}
 
 
-@contextmanager
-def served(build):
+@pytest.fixture
+def slots():
+    """The two ends of a slot, and the descriptor of its memory."""
+    memory = worker.slot_memory()
+    ours, theirs = worker.Slot(memory), worker.Slot(memory)
+    yield ours, theirs, memory
+    for slot in (ours, theirs):
+        slot.close()
+    os.close(memory)
+
+
+@pytest.fixture
+def served(slots):
     """Serve the other end of a pipe in a thread; yield a function from a request to its answer."""
-    ours, theirs = socket.socketpair()
-    thread = threading.Thread(target=worker.serve, args=(theirs, build))
-    thread.start()
-    with ours, ours.makefile("rb") as answers:
-        assert worker.receive(answers, 1000) == os.getpid()
+    ours_of_slot, theirs_of_slot, _ = slots
 
-        def ask(request):
-            ours.sendall(worker.pack(request, worker.REQUEST_BYTES_MAX))
-            return worker.receive(answers, worker.ANSWER_BYTES_MAX)
+    @contextmanager
+    def serving(build):
+        ours, theirs = socket.socketpair()
+        thread = threading.Thread(target=worker.serve, args=(theirs, theirs_of_slot, build))
+        thread.start()
+        with ours, ours.makefile("rb") as answers:
+            assert worker.receive(answers, 1000) == os.getpid()
 
-        yield ask
-        ours.shutdown(socket.SHUT_RDWR)
-        thread.join(10)
-    assert not thread.is_alive(), "the end of the pipe ends the worker"
+            def ask(request, seconds=60.0):
+                ours.sendall(worker.pack((request, time.monotonic() + seconds), worker.FRAME_BYTES_MAX))
+                answer = worker.receive(answers, worker.FRAME_BYTES_MAX)
+                if not isinstance(answer, tuple):
+                    return answer
+                built = worker.Built(*answer)
+                return built, ours_of_slot.take(built.length)
+
+            yield ask
+            ours.shutdown(socket.SHUT_RDWR)
+            thread.join(10)
+        assert not thread.is_alive(), "the end of the pipe ends the worker"
+
+    return serving
 
 
-def test_a_worker_answers_until_its_pipe_ends():
-    with served(lambda request: Chunk("surface", repr(request).encode())) as ask:
+def test_a_worker_answers_until_its_pipe_ends(served):
+    with served(lambda request, _stage: Chunk("surface", repr(request).encode())) as ask:
         for _ in range(3):
-            assert ask(REQUEST) == Chunk("surface", repr(REQUEST).encode())
+            built, body = ask(REQUEST)
+            assert (built.content, body) == ("surface", repr(REQUEST).encode())
+
+
+SIZES = (0, 1, worker.SLOT_BYTES, worker.SLOT_BYTES + 1, 20_000_000, 5, 3 << 20, 0, worker.SLOT_BYTES)
+
+
+def test_a_slot_grows_for_a_body_and_shrinks_when_it_is_taken(slots):
+    ours, theirs, memory = slots
+    for size in SIZES:
+        body = random.Random(size).randbytes(size)
+        theirs.put(body)
+        assert os.fstat(memory).st_size == max(size, worker.SLOT_BYTES)
+        assert ours.take(size) == body
+        assert os.fstat(memory).st_size == worker.SLOT_BYTES
+
+
+def test_a_body_beyond_the_limit_is_a_fault_and_the_next_is_right(served, monkeypatch):
+    monkeypatch.setattr(worker, "BODY_BYTES_MAX", worker.SLOT_BYTES + 10)
+    with served(lambda request, _stage: Chunk("surface", bytes(worker.SLOT_BYTES + request.key.x))) as ask:
+        text = ask(replace(REQUEST, key=ChunkKey(0, 11, 0, 0)))
+        assert text.startswith("Traceback")
+        assert f"a body has {worker.SLOT_BYTES + 11} bytes; the limit is {worker.SLOT_BYTES + 10}" in text
+        built, body = ask(replace(REQUEST, key=ChunkKey(0, 10, 0, 0)))
+        assert len(body) == built.length == worker.SLOT_BYTES + 10
+
+
+def test_the_time_of_each_stage_is_told(served):
+    times = {"field": 0.02, "mesh": 0.0, "encode": 0.01}
+
+    def build(_request, stage):
+        for name, seconds in times.items():
+            stage(name)
+            time.sleep(seconds)
+        return Chunk("surface", b"body")
+
+    with served(build) as ask:
+        began = time.monotonic()
+        built, _ = ask(REQUEST)
+        assert list(built.seconds) == list(times)
+        assert all(built.seconds[name] >= seconds for name, seconds in times.items())
+        assert sum(built.seconds.values()) <= time.monotonic() - began
+
+
+@pytest.mark.parametrize("late", range(3))
+def test_a_build_is_given_up_before_the_next_stage_when_it_is_too_late(served, late):
+    begun = []
+
+    def build(_request, stage):
+        for number, name in enumerate(("field", "mesh", "encode")):
+            if number == late:
+                time.sleep(0.5)
+            stage(name)
+            begun.append(name)
+        return Chunk("surface", b"body")
+
+    with served(build) as ask:
+        error = ask(REQUEST, 0.5 if late else -0.001)
+        assert type(error) is DeadlinePassed
+        assert error.values == {"stage": ("field", "mesh", "encode")[late]}
+        assert len(begun) == late
+        assert ask(REQUEST)[1] == b"body", "the worker goes on"
+
+
+def test_a_worker_tells_by_how_much_it_has_grown(served, monkeypatch):
+    monkeypatch.setattr(worker, "JOBS_PER_MEASURE", 2)
+    grown = []
+
+    def build(request, _stage):
+        grown.append(bytearray(os.urandom(request.key.x)))
+        return Chunk("surface", b"")
+
+    with served(build) as ask:
+        told = [ask(replace(REQUEST, key=ChunkKey(0, size, 0, 0)))[0].grown_bytes for size in (0, 0, 1 << 24, 0)]
+    assert told[0] == 0, "it is not measured at each job"
+    assert told[2] == told[1] < 1 << 23
+    assert told[3] - told[1] >= 1 << 23
+    monkeypatch.undo()
+    assert worker.JOBS_PER_MEASURE > 1
 
 
 def raiser(error: BaseException):
-    def build(_request):
+    def build(_request, _stage):
         raise error
 
     return build
 
 
-def test_an_error_of_ours_arrives_with_its_class_and_values():
+def test_an_error_of_ours_arrives_with_its_class_and_values(served):
     with served(raiser(BadKey("x is 9", x=9, limits=(-4, 4)))) as ask:
         error = ask(REQUEST)
     assert type(error) is BadKey
@@ -90,7 +192,7 @@ def test_an_error_of_ours_arrives_with_its_class_and_values():
 
 
 @pytest.mark.parametrize("error", [RuntimeError("a fault"), ChunkError("a fault", of=threading.Lock())])
-def test_any_other_error_arrives_as_its_traceback(error):
+def test_any_other_error_arrives_as_its_traceback(served, error):
     with served(raiser(error)) as ask:
         for _ in range(2):
             text = ask(REQUEST)
@@ -98,12 +200,19 @@ def test_any_other_error_arrives_as_its_traceback(error):
             assert "test_worker.py" in text or "cannot pickle" in text
 
 
-def test_a_torn_request_ends_the_worker():
+def test_a_long_traceback_loses_its_beginning(served):
+    with served(raiser(RuntimeError("x" * (2 * worker.FRAME_BYTES_MAX) + " the end"))) as ask:
+        text = ask(REQUEST)
+    assert len(text) == worker.TRACEBACK_CHARACTERS_MAX
+    assert text.endswith("the end\n")
+
+
+def test_a_torn_request_ends_the_worker(slots):
     ours, theirs = socket.socketpair()
     ours.sendall(worker.pack(REQUEST, 1000)[:-1])
     ours.shutdown(socket.SHUT_WR)
     with ours, pytest.raises(WireError):
-        worker.serve(theirs, raiser(AssertionError("it was not whole")))
+        worker.serve(theirs, slots[1], raiser(AssertionError("it was not whole")))
 
 
 def test_warm_requests_reach_every_recipe_mesher_format_and_profile():

@@ -6,6 +6,7 @@ from fastapi.testclient import TestClient
 from starlette.exceptions import HTTPException
 
 from chunkserver import errors
+from chunkserver.server.job import BuildFault
 from chunkserver.server.problems import (
     MEDIA_TYPE,
     PROBLEMS,
@@ -32,7 +33,6 @@ from chunkserver.server.problems import (
     WorldExists,
     install,
 )
-from chunkserver.server.workers import BuildFault
 
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.ChunkError)]
 OF_HTTP = (

@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from chunkserver.server.tally import Tally
 from chunkserver.server.workers import ForkServer, Worker
 
 SLEEPER = (sys.executable, "-c", "import signal; signal.pause()")
@@ -12,7 +13,7 @@ SLEEPER = (sys.executable, "-c", "import signal; signal.pause()")
 def test_the_first_word_of_a_worker_for_which_nobody_waits_any_more():
     async def scenario():
         idle: list[Worker] = []
-        worker = Worker(idle.append, idle.remove)
+        worker = Worker(Tally(), idle.append, idle.remove)
         worker.started.cancel()
         worker.arrived(7)
         assert (worker.pid, idle) == (7, [worker])
@@ -38,7 +39,7 @@ def test_a_fork_that_cannot_be_asked_for_leaves_no_socket(recwarn):
         fork_server = ForkServer(SLEEPER, lambda: None)
         fork_server._control.close()
         with pytest.raises(OSError, match="descriptor"):
-            await fork_server.fork(Worker(print, print))
+            await fork_server.fork(Worker(Tally(), print, print))
         await fork_server.end()
 
     asyncio.run(scenario())
