@@ -49,7 +49,7 @@ def learn(client: httpx2.Client, paths: Iterable[str]) -> dict[str, tuple[Answer
 
 
 def _ask(client: httpx2.Client, path: str, condition: str = '""') -> Answer:
-    answer = client.get(path, headers={"If-None-Match": condition})
+    answer = client.get(path, headers={"If-None-Match": condition, "Accept-Encoding": "identity"})
     headers = [(name.lower(), value) for name, value in answer.headers.raw if name.lower() not in ADDED]
     return Answer(answer.status_code, headers, answer.content)
 

@@ -69,14 +69,14 @@ def asked(scope: Scope) -> Asked | None:
 
 @dataclass(slots=True)
 class _Entry:
-    """What a request was answered with. found: None until a body was sent, or that there is none."""
+    """What a request was answered with. Of both heads only what was sent once is there."""
 
     plan: Plan
     tag: str
     quoted: bytes
-    not_modified: Message
     found: Message | None = None
     has_body: bool = False
+    not_modified: Message | None = None
 
 
 class Answers:
@@ -114,6 +114,8 @@ class Answers:
         self._kept.move_to_end(key)
         if known is not None and (known == entry.quoted or wanted.knows(entry.tag)):
             self.not_modified += 1
+            if entry.not_modified is None:
+                entry.not_modified = self.start(wanted, entry.plan.not_modified(entry.tag))
             return entry.not_modified, b""
         chunk = entry.found and self._cache.find(entry.tag)
         if not (entry.found and chunk):
@@ -152,8 +154,7 @@ class Answers:
         if entry is None:
             self.bytes += weight + ENTRY_BYTES
         if entry is None or entry.plan is not plan:
-            not_modified = self.start(wanted, plan.not_modified(tag))
-            entry = self._kept[key] = _Entry(plan, tag, b'"%b"' % tag.encode(), not_modified)
+            entry = self._kept[key] = _Entry(plan, tag, b'"%b"' % tag.encode())
         if reply.status != HTTPStatus.NOT_MODIFIED:
             entry.found, entry.has_body = self.start(wanted, reply), reply.status == HTTPStatus.OK
         while self.bytes > self.bytes_max:

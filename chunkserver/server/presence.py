@@ -14,15 +14,24 @@ async def while_there(receive: Receive, answer: Coroutine[Any, Any, _Result]) ->
 
     receive: of a request whose body is of no interest.
     """
-    answering, leaving = asyncio.create_task(answer), asyncio.create_task(_left(receive))
+    waiting = asyncio.current_task()
+    assert waiting is not None
+    left = False
+
+    async def watch() -> None:
+        nonlocal left
+        while (await receive())["type"] != "http.disconnect":
+            pass
+        left = True
+        waiting.cancel()
+
+    watching = asyncio.create_task(watch())
     try:
-        await asyncio.wait((answering, leaving), return_when=asyncio.FIRST_COMPLETED)
-        return answering.result() if answering.done() else None
+        return await answer
+    except asyncio.CancelledError:
+        if not left:
+            raise
+        waiting.uncancel()
+        return None
     finally:
-        answering.cancel()
-        leaving.cancel()
-
-
-async def _left(receive: Receive) -> None:
-    while (await receive())["type"] != "http.disconnect":
-        pass
+        watching.cancel()  # it cannot cancel us any more, even if the client has left in this very moment
