@@ -3,6 +3,8 @@
 import asyncio
 import gc
 import logging
+import math
+import resource
 import signal
 import socket
 import sys
@@ -13,12 +15,13 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from chunkserver import __version__
+from chunkserver.server.connections import ConnectionLimits, Connections
+from chunkserver.server.protocol import bounded
 
 BACKLOG_MAX: Final = 1024
 """Connections that the operating system accepts before the server does."""
-CONNECTIONS_MAX: Final = 1024
-"""Connections, or requests in flight, beyond which new requests get a bare 503 from the HTTP server itself."""
-KEEP_ALIVE_SECONDS: Final = 15
+DESCRIPTORS_BESIDE: Final = 1024
+"""File descriptors that are needed besides those of connections: workers, worlds, the cache on disk."""
 GRACE_SECONDS: Final = 30
 """How long a stop waits for requests in flight."""
 LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
@@ -26,8 +29,12 @@ LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 logger: Final = logging.getLogger("chunkserver")
 
 
-def serve(app: ASGIApp, listening: socket.socket) -> None:
-    """Serve `app` on a socket that `listen` made, until a signal; then close it."""
+def serve(app: ASGIApp, listening: socket.socket, connections: Connections | None = None) -> None:
+    """Serve `app` on a socket that `listen` made, until a signal; then close it.
+
+    connections: their limits, and where they are counted; by default those of `ConnectionLimits`.
+    """
+    bounds = Connections() if connections is None else connections
     logging.basicConfig(level=logging.INFO, format=LOG_FORMAT, stream=sys.stderr)
     logging.getLogger("uvicorn").setLevel(logging.ERROR)  # its warnings are about clients: anybody could fill the log
     logging.getLogger("uvicorn.error").addFilter(_is_news)
@@ -35,9 +42,10 @@ def serve(app: ASGIApp, listening: socket.socket) -> None:
         signal.signal(number, _stop)
     with listening:
         logger.info("version %s on %s; kernels are compiled first, once per version", __version__, url_of(listening))
+        _make_room(listening, bounds.limits)
         gc.collect()
         gc.freeze()  # else a full collection walks all that is imported: 30 ms in the middle of a request
-        uvicorn.Server(_config(app)).run(sockets=[listening])
+        uvicorn.Server(_config(app, bounds)).run(sockets=[listening])
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -57,17 +65,33 @@ def _is_news(record: logging.LogRecord) -> bool:
     return record.exc_info is None or not isinstance(record.exc_info[1], asyncio.CancelledError)
 
 
-def _config(app: ASGIApp) -> uvicorn.Config:
+def _make_room(listening: socket.socket, limits: ConnectionLimits) -> None:
+    """Let the operating system give up clients that are gone, and allow as many file descriptors as may be needed."""
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # each connection takes it over
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(limits.send_seconds * 1000))
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = limits.connections_max + DESCRIPTORS_BESIDE
+    if soft == resource.RLIM_INFINITY or soft >= wanted:
+        return
+    allowed = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+    if allowed < wanted:
+        logger.info(
+            "%d file descriptors for up to %d connections: %d are wanted", allowed, limits.connections_max, wanted
+        )
+
+
+def _config(app: ASGIApp, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         access_log=False,
         backlog=BACKLOG_MAX,
-        limit_concurrency=CONNECTIONS_MAX,
+        http=bounded(connections),
         log_config=None,
         proxy_headers=False,
         server_header=False,
         timeout_graceful_shutdown=GRACE_SECONDS,
-        timeout_keep_alive=KEEP_ALIVE_SECONDS,
+        timeout_keep_alive=math.ceil(connections.limits.keep_alive_seconds),
         ws="none",
     )
 

@@ -68,7 +68,7 @@ def test_a_client_that_holds_the_stop_is_worth_one_line(tmp_path, path):
 
 
 def stop_with_a_client(log, path):
-    with serving(log, str(log.with_name("never")), "1", program=WAITING) as server:
+    with serving(log, str(log.with_name("never")), "1", '{"pipelined_max": 500}', program=WAITING) as server:
         host, port = server.url.removeprefix("http://").split(":")
         with socket.create_connection((host, int(port))) as client:
             client.sendall(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode() * 500)

@@ -1,9 +1,11 @@
 """A server whose builds wait until a file appears: for tests of what a stop does to requests in flight.
 
-Run as `python -m tests.contract.waiting_server FILE [SECONDS]`: a stop waits that long for them.
+Run as `python -m tests.contract.waiting_server FILE [SECONDS [LIMITS]]`: a stop waits that long for them. LIMITS are some
+of `ConnectionLimits`, in JSON.
 """
 
 import asyncio
+import json
 import logging
 import sys
 from collections.abc import Callable
@@ -12,6 +14,8 @@ from unittest import mock
 
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server import Settings, create_app, listen, run, serve
+from chunkserver.server.connections import ConnectionLimits, Connections
+from chunkserver.wire import CODINGS
 
 
 class WaitingPool:
@@ -27,18 +31,19 @@ class WaitingPool:
     async def close(self) -> None:
         logging.getLogger("tests").info("closed")
 
-    async def build(self, request: ChunkRequest, begun: Callable[[], None]) -> Chunk:
+    async def build(self, request: ChunkRequest, begun: Callable[[], None], **_rank: float) -> Chunk:
         begun()
         if request.recipe.seed == -1:
             raise ValueError("a fault of the server")
         logging.getLogger("tests").info("building")
         while not self.released.exists():
             await asyncio.sleep(0.01)
-        return Chunk("surface", b"built")
+        return Chunk("surface", CODINGS[request.encoding.coding].apply(b"built"))
 
 
 if __name__ == "__main__":
     settings = Settings(port=0, workers=1)
     app = create_app(settings, WaitingPool(Path(sys.argv[1])))
+    limits = ConnectionLimits(**json.loads(sys.argv[3] if sys.argv[3:] else "{}"))
     with mock.patch.object(run, "GRACE_SECONDS", int(sys.argv[2]) if sys.argv[2:] else run.GRACE_SECONDS):
-        serve(app, listen(settings.host, settings.port))
+        serve(app, listen(settings.host, settings.port), Connections(limits))
