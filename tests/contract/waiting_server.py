@@ -1,7 +1,7 @@
 """A server whose builds wait until a file appears: for tests of what a stop does to requests in flight.
 
-Run as `python -m tests.contract.waiting_server FILE [SECONDS [LIMITS]]`: a stop waits that long for them. LIMITS are some
-of `ConnectionLimits`, in JSON.
+Run as `python -m tests.contract.waiting_server FILE [SECONDS [LIMITS]]`: a stop waits that long for them, and LIMITS
+are some of `ConnectionLimits`, in JSON.
 """
 
 import asyncio
