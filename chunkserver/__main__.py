@@ -1,21 +1,27 @@
-"""The command line. Every option of `serve` can be given as an environment variable too."""
+"""The command line. Every option that has a setting's name is that setting; all else about settings is in `server`."""
 
+import json
 import sys
-from pathlib import Path
-from typing import Annotated, Final, NoReturn
+from collections.abc import Mapping
+from typing import Annotated, Literal, NoReturn
 
 import typer
 
 from chunkserver import __version__
-from chunkserver.errors import StoreError
-from chunkserver.server import WORKERS_MAX, Settings, create_app, listen, serve
+from chunkserver.catalogue import migrate
+from chunkserver.errors import ChunkError, StoreError
+from chunkserver.pipeline import generator
+from chunkserver.server import Settings, create_app, listen, mint, serve, with_settings
 from chunkserver.worker import warm
 
-DEFAULTS: Final = Settings()
-PORT_MAX: Final = 65535
-CACHE_BYTES_MAX: Final = 1 << 40
-
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, add_completion=False, pretty_exceptions_enable=False)
+config_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="What the settings are.")
+key_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="API keys.")
+app.add_typer(config_app, name="config")
+app.add_typer(key_app, name="key")
+
+Origins = Mapping[str, str]
+Scope = Literal["read", "edit", "admin"]
 
 
 def _say_version(wanted: bool) -> None:
@@ -34,44 +40,18 @@ def main(
 
 
 @app.command("serve")
-def serve_command(
-    host: Annotated[str, typer.Option(envvar="CHUNKSERVER_HOST", help="The address to listen on.")] = DEFAULTS.host,
-    port: Annotated[
-        int, typer.Option(envvar="CHUNKSERVER_PORT", min=0, max=PORT_MAX, help="The port; 0 takes a free one.")
-    ] = DEFAULTS.port,
-    workers: Annotated[
-        int, typer.Option(envvar="CHUNKSERVER_WORKERS", min=1, max=WORKERS_MAX, help="Processes that build chunks.")
-    ] = DEFAULTS.workers,
-    cache_bytes: Annotated[
-        int,
-        typer.Option(envvar="CHUNKSERVER_CACHE_BYTES", min=0, max=CACHE_BYTES_MAX, help="Memory for finished chunks."),
-    ] = DEFAULTS.cache_bytes,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--data",
-            envvar="CHUNKSERVER_DATA",
-            metavar="DIR",
-            file_okay=False,
-            help="Where worlds are kept, for one server alone. Without it they are in memory and end with the server.",
-        ),
-    ] = DEFAULTS.folder,
-) -> None:
+@with_settings()
+def serve_command(settings: Settings, _origins: Origins) -> None:
     """Answer requests until SIGTERM or Ctrl-C; those in flight are answered first."""
     try:
-        listening = listen(host, port)
+        listening = listen(settings.host, settings.port)
     except OSError as error:
-        _end(f"cannot serve on {host} port {port}: {error}")
+        _end(f"cannot serve on {settings.host} port {settings.port}: {error}")
     try:
-        app = create_app(Settings(host, port, workers, cache_bytes, folder))
+        served = create_app(settings)
     except StoreError as error:
         _end(error.message)
-    serve(app, listening)
-
-
-def _end(why: str) -> NoReturn:
-    typer.echo(why, err=True)
-    raise typer.Exit(1)
+    serve(served, listening)
 
 
 @app.command("warm")
@@ -80,6 +60,70 @@ def warm_command() -> None:
     done = warm()
     what = f"compiled {done.compiled} functions" if done.compiled else "everything was compiled already"
     typer.echo(f"{what} ({done.seconds:.1f} s)")
+
+
+@app.command("migrate")
+@with_settings("data")
+def migrate_command(
+    settings: Settings,
+    _origins: Origins,
+    worlds: Annotated[list[str] | None, typer.Argument(metavar="WORLD", help="The worlds to move.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Move all worlds that need it.")] = False,
+) -> None:
+    """Move worlds to this version's generator: from then on it makes their terrain, which may be another one.
+
+    Epochs and revisions stay. No server may run on the folder meanwhile.
+    """
+    if bool(worlds) is everything:
+        raise typer.BadParameter("either the worlds, or --all")
+    if settings.data is None:
+        raise typer.BadParameter("where the worlds are kept is needed: --data DIR")
+    try:
+        moved = migrate(settings.data, worlds or (), generator)
+    except ChunkError as error:
+        _end(error.message)
+    for world, before in moved:
+        typer.echo(f"{world.id}: from generator {before} to {world.generator}, epoch {world.epoch} stays")
+    typer.echo(f"{len(moved)} worlds moved")
+
+
+@config_app.command("show")
+@with_settings()
+def show_command(
+    settings: Settings,
+    origins: Origins,
+    as_json: Annotated[bool, typer.Option("--json", help="As one JSON object.")] = False,
+) -> None:
+    """Say each setting's value, and where it comes from: a flag, a variable, a file, or the default."""
+    values = settings.shown()
+    if as_json:
+        typer.echo(
+            json.dumps({name: {"value": value, "from": origins[name]} for name, value in values.items()}, indent=2)
+        )
+        return
+    width = max(map(len, values))
+    for name, value in values.items():
+        typer.echo(f"{name:<{width}} = {json.dumps(value)}  # {origins[name]}")
+
+
+@key_app.command("new")
+def new_key_command(
+    name: Annotated[str, typer.Option("--name", help="Whose it is: for people, and for the log.")],
+    scope: Annotated[Scope, typer.Option("--scope", help="What it is good for; each includes those before it.")],
+) -> None:
+    """Make an API key. It is shown this once; the server keeps its digest alone."""
+    try:
+        secret, kept = mint(name, scope)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    typer.echo(f"The key, for the client; nobody can show it again:\n\n    {secret}\n")
+    typer.echo(f'For the server, one more entry of api_keys in its file of settings:\n\n    api_keys = ["{kept}"]\n')
+    typer.echo(f"or in the environment, separated by spaces:\n\n    CHUNKSERVER_API_KEYS={kept}")
+
+
+def _end(why: str) -> NoReturn:
+    typer.echo(why, err=True)
+    raise typer.Exit(1)
 
 
 if __name__ == "__main__":

@@ -13,16 +13,16 @@ import os
 import re
 import secrets
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import apsw
 
-from chunkserver.errors import BadParameter, BadRequest, StoreError, StoreFull
+from chunkserver.errors import BadParameter, BadRecipe, BadRequest, StoreError, StoreFull
 from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LOD_MAX
 from chunkserver.recipe import WorldRecipe
 
@@ -170,6 +170,18 @@ class Catalogue:
                 self._worlds = {other: world for other, world in self._worlds.items() if other != name}
             return found
 
+    def repin(self, generators: Mapping[str, str]) -> None:
+        """Give worlds other generators, by id: durably, and all or none of them. All else about them stays.
+
+        Raises `StoreError`.
+        """
+        with self._writing:
+            worlds = {name: replace(self._worlds[name], generator=token) for name, token in generators.items()}
+            with _told(self._path), self._connection:
+                change = "UPDATE worlds SET generator = ? WHERE id = ?"
+                self._connection.executemany(change, [(token, name) for name, token in generators.items()])
+            self._worlds = {**self._worlds, **worlds}
+
     def close(self) -> None:
         """Give the folder back. What was written is on the disk already."""
         with self._writing:
@@ -182,6 +194,43 @@ class Catalogue:
         if length > SOURCES_BYTES_MAX:
             message = f"the recipes of all worlds would have {length} bytes; the limit is {SOURCES_BYTES_MAX}"
             raise StoreFull(message, bytes_max=SOURCES_BYTES_MAX)
+
+
+def migrate(folder: Path, names: Collection[str], generator: Callable[[WorldRecipe], str]) -> list[tuple[World, str]]:
+    """Move worlds in a folder to another generator: their terrain is what that makes of the recipe from now on.
+
+    names: their ids; all worlds, if there are none.
+    generator: returns the token that a world of this recipe has to have.
+
+    Returns the worlds that had another one, as they are now, each with the token that it had. Epoch and revision stay.
+    Raises `StoreError` if a server runs on the folder, if it holds no worlds or not this one, or if a recipe cannot be
+    read any more. Then none has been moved.
+    """
+    if not (folder / FILE_NAME).exists():
+        raise StoreError(f"{folder} holds no worlds: there is no {FILE_NAME} in it", folder=str(folder))
+    catalogue = Catalogue(folder)
+    try:
+        worlds = [_existing(catalogue, name) for name in names] if names else catalogue.page("", WORLDS_MAX)
+        old = {world.id: world.generator for world in worlds if world.generator != generator(world.recipe)}
+        catalogue.repin({world.id: _token(world, generator) for world in worlds if world.id in old})
+        return [(_existing(catalogue, name), before) for name, before in old.items()]
+    finally:
+        catalogue.close()
+
+
+def _existing(catalogue: Catalogue, name: str) -> World:
+    world = catalogue.find(name)
+    if world is None:
+        raise StoreError(f"there is no world {name!r} in {catalogue.folder}", world=name)
+    return world
+
+
+def _token(world: World, generator: Callable[[WorldRecipe], str]) -> str:
+    try:
+        _ = world.recipe.expression
+    except BadRecipe as error:
+        raise StoreError(f"world {world.id!r} has a recipe of which nothing can be made: {error.message}") from error
+    return generator(world.recipe)
 
 
 def _locked(folder: Path) -> int:

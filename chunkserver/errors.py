@@ -8,6 +8,7 @@
     ├── WireError             bytes or a mesh that the wire format cannot hold
     ├── StoreError            what is kept on disk cannot be read or written
     │   └── StoreFull         there is no room for more, on the disk or by a limit
+    ├── BadSetting            what an operator has chosen cannot be
     └── Unavailable           nothing is wrong with the request; it may be sent again
         ├── WorkerLost        the request ended more than one worker process
         ├── Overloaded        the queue in front of the workers is full
@@ -65,6 +66,10 @@ class StoreError(ChunkError):
 
 class StoreFull(StoreError):
     """There is no room for more, on the disk or by a limit. Nothing was changed."""
+
+
+class BadSetting(ChunkError):
+    """A setting that is unknown or cannot be what it is. The message has a line for each."""
 
 
 class Unavailable(ChunkError):

@@ -20,6 +20,11 @@ os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(CACHE / "hypothesis"))
 
 SEED = int(os.environ.get("CHUNKSERVER_TEST_SEED") or secrets.randbits(32))
 
+for variable in ("CHUNKSERVER_TEST_SEED", "CHUNKSERVER_TORTURE"):
+    os.environ.pop(
+        variable, None
+    )  # a server that is started here knows neither, and takes no variable that it does not
+
 hypothesis.settings.register_profile(
     "chunkserver",
     deadline=None,  # the first example may compile a kernel

@@ -28,7 +28,7 @@ READY_SECONDS_MAX: Final = 120.0
 """Until /readyz says yes: the kernels may have to be compiled, on cores that other tests use too."""
 STOP_SECONDS_MAX: Final = 30.0
 POLL_SECONDS: Final = 0.02
-MARK: Final = "CHUNKSERVER_TEST_MARK"
+MARK: Final = "MARK_OF_A_TEST"
 """Set for the server and so for all its children: what is left of them is found by it."""
 
 _LISTENS: Final = re.compile(r" on (http://\S+);")

@@ -1,7 +1,9 @@
 """The only package that knows HTTP, asyncio and FastAPI."""
 
 from chunkserver.server.app import create_app
+from chunkserver.server.flags import with_settings
+from chunkserver.server.keys import mint
 from chunkserver.server.run import listen, serve
-from chunkserver.server.settings import WORKERS_MAX, Settings
+from chunkserver.server.settings import Settings
 
-__all__ = ["WORKERS_MAX", "Settings", "create_app", "listen", "serve"]
+__all__ = ["Settings", "create_app", "listen", "mint", "serve", "with_settings"]

@@ -16,7 +16,7 @@ from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.cors import Cors, CorsLayer
 from chunkserver.server.front import Front
-from chunkserver.server.pool import LIMITS_DEFAULT, Pool
+from chunkserver.server.pool import Pool
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.service import Builder, Service
 from chunkserver.server.settings import Settings
@@ -44,7 +44,7 @@ class Application(FastAPI):
 def create_app(settings: Settings, pool: Builder | None = None) -> Application:
     """Return the application. Its lifespan starts and closes `pool`, by default `settings.workers` processes.
 
-    It has `settings.folder` from now on, until its lifespan ends. Raises `StoreError` if that cannot be had.
+    It has `settings.data` from now on, until its lifespan ends. Raises `StoreError` if that cannot be had.
     """
     app = Application(
         title="chunkserver",
@@ -57,13 +57,13 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         lifespan=_lifespan,
     )
     cache = ChunkCache(settings.cache_bytes)
-    cors = Cors(("*",))
+    cors = Cors(settings.cors_origins)
     app.state.service = Service(
-        pool or Pool(settings.workers),
+        pool or Pool(settings.workers, settings.pool_limits),
         cache,
         Answers(cache, cors),
         PostedRecipes(),
-        WorldStore(Catalogue(settings.folder), LIMITS_DEFAULT.answer_seconds),
+        WorldStore(Catalogue(settings.data), settings.answer_seconds),
     )
     for room in (landing, health, recipes, worlds, world_chunks, seeds, batch):
         app.include_router(room.router)

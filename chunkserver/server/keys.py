@@ -52,14 +52,14 @@ class ApiKey:
         return f"{self.name}:{self.scope}:{self.digest}"
 
 
-def mint(name: str, scope: Scope) -> tuple[str, ApiKey]:
+def mint(name: str, scope: str) -> tuple[str, ApiKey]:
     """Return a new key, to be shown once and kept nowhere, and what the server needs to know it again.
 
-    Raises `ValueError` if the name does not match NAME_PATTERN.
+    Raises `ValueError` if the name does not match NAME_PATTERN, or if there is no such scope.
     """
     _check_name(name)
     key = KEY_PREFIX + secrets.token_urlsafe(KEY_BYTES)
-    return key, ApiKey(name, scope, digest_of_key(key))
+    return key, ApiKey(name, Scope(scope), digest_of_key(key))
 
 
 def parse_key(line: str) -> ApiKey:

@@ -43,7 +43,7 @@ class StubPool:
 @contextmanager
 def client_of(pool: StubPool, folder: Path | None = None) -> Iterator[TestClient]:
     """A client of the application over `pool`, its lifespan included; with its worlds in `folder`."""
-    app = create_app(Settings(workers=1, folder=folder), pool)
+    app = create_app(Settings(workers=1, data=folder), pool)
     plain = {"Accept-Encoding": "identity"}  # what the pool answers is coded by nobody
     with TestClient(app, raise_server_exceptions=False, follow_redirects=False, headers=plain) as client:
         yield client
