@@ -1,0 +1,235 @@
+"""Who may do what: one table from method and path to the scope that is needed, asked before anything else is done.
+
+    request -> is the scope that it needs free here? -> application
+                   | no
+                   v
+               does its key cover it? -> application, whose answer then is for this client alone
+                   | no
+                   v
+               401, 403
+
+A resource that has no row needs `admin`: what somebody forgets to enter is shut, not open.
+"""
+
+import ipaddress
+import json
+import re
+import socket
+from collections import defaultdict
+from collections.abc import Collection, Iterable
+from typing import Any, Final, NamedTuple
+
+from fastapi import Response
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as Asked
+
+from chunkserver.errors import ChunkError
+from chunkserver.server.cors import Cors
+from chunkserver.server.keys import Keyring, Scope
+from chunkserver.server.openapi import problem_responses
+from chunkserver.server.problems import MEDIA_TYPE, PROBLEMS, KeyNeeded, ScopeNeeded, UnknownKey, problem_body
+
+KEY_NAME: Final = "chunkserver.key"
+"""Where the name of the key stands in the ASGI scope of a request that needed one."""
+SCHEME: Final = "key"
+"""What the OpenAPI document calls the way in which a key is sent."""
+STREAM: Final = "WEBSOCKET"
+"""Stands for the method of a WebSocket."""
+POLICY_VIOLATION: Final = 1008
+"""RFC 6455: the close code of a WebSocket that is refused, where the server cannot answer with a status."""
+
+
+class Row(NamedTuple):
+    """Resources that need the same: `scope`, or nothing."""
+
+    scope: Scope | None
+    method: str
+    paths: tuple[str, ...]
+
+
+NEEDS: Final = (
+    Row(
+        Scope.READ,
+        "GET",
+        (
+            "/v1/seeds/{seed}/chunks/{lod}/{x}/{y}/{z}",
+            "/v1/worlds/{world}/chunks/{lod}/{x}/{y}/{z}",
+            "/v1/seeds/{seed}/chunks/{lod}/{x}/{y}/{z}.mesh",
+            "/v1/seeds/{seed}/chunks/{lod}/{x}/{y}/{z}.glb",
+            "/v1/worlds/{world}/chunks/{lod}/{x}/{y}/{z}.mesh",
+            "/v1/worlds/{world}/chunks/{lod}/{x}/{y}/{z}.glb",
+            "/v1/seeds/{seed}",
+            "/v1/worlds",
+            "/v1/worlds/{world}",
+            "/v1/recipes",
+            "/v1/recipes/{recipe}",
+            "/",
+            "/docs",
+            "/openapi.json",
+            "/metrics",
+        ),
+    ),
+    Row(None, "GET", ("/livez", "/readyz")),
+    Row(Scope.READ, "POST", ("/v1/worlds/{world}/chunks", "/v1/seeds/{seed}/chunks")),
+    Row(Scope.EDIT, "POST", ("/v1/recipes",)),
+    Row(Scope.ADMIN, "POST", ("/v1/worlds",)),
+    Row(Scope.ADMIN, "DELETE", ("/v1/worlds/{world}",)),
+)
+"""HEAD needs what GET does. OPTIONS is free: a browser asks it without a key, before it sends one."""
+
+
+class Exposed(ChunkError):
+    """The server would listen for others than this machine, and let everybody do everything."""
+
+
+class Table:
+    """`rows`, to be asked by the path of a request."""
+
+    def __init__(self, rows: Iterable[Row]) -> None:
+        by_method: dict[str, list[Row]] = defaultdict(list)
+        for row in rows:
+            by_method[row.method].append(row)
+        self._rows = {
+            method: (re.compile("|".join(map(_pattern, found))), [row.scope for row in found])
+            for method, found in by_method.items()
+        }
+        self._rows["HEAD"] = self._rows["GET"]
+
+    def needed(self, method: str, path: str) -> Scope | None:
+        """Return the scope that a request needs, or None if it needs no key."""
+        if method == "OPTIONS":
+            return None
+        pattern, scopes = self._rows.get(method, _NO_ROWS)
+        found = pattern.fullmatch(path)
+        return scopes[(found.lastindex or 1) - 1] if found else Scope.ADMIN
+
+
+_NO_ROWS: Final[tuple[re.Pattern[str], list[Scope | None]]] = (re.compile("(?!)"), [])
+
+
+class Access:
+    """ASGI: lets through to `app` what needs no key, and what comes with one that covers it.
+
+    anonymous: what may be done without a key; None: nothing that needs one.
+    cors: which pages of other sites may read why they are refused; by default none.
+
+    An answer that needed a key is not for a cache that serves others: where it says `public`, it then says `private`.
+    Without `public`, RFC 9111 (3.5) forbids such a cache to use it again anyway. `Vary: Authorization` is not needed:
+    whoever may have a resource gets the same bytes.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        keyring: Keyring,
+        anonymous: Scope | None = None,
+        cors: Cors | None = None,
+        needs: Iterable[Row] = NEEDS,
+    ) -> None:
+        self._app = app
+        self._keyring = keyring
+        self._cors = cors or Cors(())
+        self._table = Table(needs)
+        self._free = {scope for scope in Scope if anonymous is not None and anonymous.covers(scope)}
+
+    async def __call__(self, asked: Asked, receive: Receive, send: Send) -> None:
+        """Answer 401 or 403, or let the application answer."""
+        if asked["type"] == "lifespan":
+            await self._app(asked, receive, send)
+            return
+        needed = self._table.needed(asked.get("method", STREAM), asked["path"])
+        if needed is None or needed in self._free:
+            await self._app(asked, receive, send)
+            return
+        try:
+            asked[KEY_NAME] = self._name_of_key(asked, needed)
+        except (KeyNeeded, UnknownKey, ScopeNeeded) as error:
+            await self._refuse(error, asked, receive, send)
+        else:
+            await self._app(asked, receive, _privately(send))
+
+    def describe(self, document: dict[str, Any]) -> None:
+        """Write into an OpenAPI document which operations need a key, of which scope, and how others are refused."""
+        document["components"]["securitySchemes"] = {SCHEME: {"type": "http", "scheme": "bearer"}}
+        refusals = {str(status): row for status, row in problem_responses(KeyNeeded, UnknownKey, ScopeNeeded).items()}
+        for path, operations in document["paths"].items():
+            for method, operation in operations.items():
+                needed = self._table.needed(method.upper(), path)
+                if needed is not None and needed not in self._free:
+                    operation["security"] = [{SCHEME: [str(needed)]}]
+                    operation["responses"] = {**refusals, **operation["responses"]}
+
+    def _name_of_key(self, asked: Asked, needed: Scope) -> str:
+        given = [value for name, value in asked["headers"] if name == b"authorization"]
+        scheme, _, key = given[0].partition(b" ") if len(given) == 1 else (b"", b"", b"")
+        if scheme.lower() != b"bearer":
+            raise KeyNeeded(f"this needs an API key of scope {needed}: `Authorization: Bearer KEY`", scope=str(needed))
+        found = self._keyring.find(key.strip())
+        if found is None:
+            raise UnknownKey("this server does not know the API key")
+        if not found.scope.covers(needed):
+            message = f"this needs scope {needed}; the API key {found.name!r} has {found.scope}"
+            raise ScopeNeeded(message, scope=str(needed), has=str(found.scope))
+        return found.name
+
+    async def _refuse(self, error: ChunkError, asked: Asked, receive: Receive, send: Send) -> None:
+        if asked["type"] == "websocket" and "websocket.http.response" not in asked.get("extensions", {}):
+            await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+            return
+        problem = PROBLEMS[type(error)]
+        challenge = {
+            KeyNeeded: "Bearer",
+            UnknownKey: 'Bearer error="invalid_token"',
+            ScopeNeeded: f'Bearer error="insufficient_scope", scope="{error.values.get("scope")}"',
+        }[type(error)]
+        body = json.dumps(problem_body(problem, error.message, error.values))
+        headers = {"WWW-Authenticate": challenge, "Cache-Control": "no-store"}
+        response = Response(body, problem.status, headers, MEDIA_TYPE)
+        response.raw_headers += self._cors.headers(dict(asked["headers"]).get(b"origin"))
+        await response(asked, receive, send)
+
+
+def check_exposure(host: str, keys: Collection[object], insecure: bool) -> None:
+    """Raise `Exposed` if `host` is not this machine alone, there are no `keys`, and nobody has said `insecure`.
+
+    A name counts as what it resolves to. Raises OSError if it does not: nothing can listen there either.
+    """
+    if keys or insecure or (host and all(map(_is_loopback, _addresses(host)))):
+        return
+    message = (
+        f"{host or 'every address'} can be reached from outside of this machine, and without API keys everybody may "
+        "create and delete worlds: configure API keys (`chunkserver key new`), listen on 127.0.0.1, or say --insecure"
+    )
+    raise Exposed(message, host=host)
+
+
+def _pattern(row: Row) -> str:
+    """Return a group that matches the paths of a row, as the router does: a parameter is anything without a slash."""
+    return f"({'|'.join(_PARAMETER.sub('[^/]+', re.escape(path)) for path in row.paths)})"
+
+
+_PARAMETER: Final = re.compile(re.escape(re.escape("{")) + "[a-z]+" + re.escape(re.escape("}")))
+"""In a path whose special characters are escaped."""
+
+
+def _privately(send: Send) -> Send:
+    async def send_privately(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [_private(*field) for field in message["headers"]]}
+        await send(message)
+
+    return send_privately
+
+
+def _private(name: bytes, value: bytes) -> tuple[bytes, bytes]:
+    return (name, value.replace(b"public", b"private")) if name == b"cache-control" else (name, value)
+
+
+def _addresses(host: str) -> list[str]:
+    return [str(found[4][0]) for found in socket.getaddrinfo(host, None)]
+
+
+def _is_loopback(address: str) -> bool:
+    parsed = ipaddress.ip_address(address.partition("%")[0])
+    mapped = getattr(parsed, "ipv4_mapped", None)
+    return (mapped or parsed).is_loopback
