@@ -1,4 +1,8 @@
-"""Finished chunks, kept in memory up to a bound in bytes; identical requests in flight share one build."""
+"""Finished chunks, kept in memory up to a bound in bytes; identical requests in flight share one build.
+
+find           memory
+get_or_build   memory, then once for all who wait: disk, if there is one, then the build
+"""
 
 import asyncio
 from collections import OrderedDict
@@ -7,6 +11,7 @@ from functools import partial
 from typing import Any, Final
 
 from chunkserver.pipeline import Chunk
+from chunkserver.server.disk import DiskCache
 
 ENTRY_BYTES: Final = 512
 """What an entry costs besides its body: key, chunk, list and table slots. An upper bound, held by its unit test."""
@@ -17,7 +22,7 @@ Build = Callable[[Callable[[], None]], Awaitable[Chunk]]
 
 
 class _Building:
-    """One build in flight, and how many wait for it."""
+    """One build in flight, the look at the disk before it included, and how many wait for it."""
 
     def __init__(self, run: Callable[["_Building"], Coroutine[Any, Any, Chunk]]) -> None:
         self.waiters = 0
@@ -33,29 +38,37 @@ class ChunkCache:
 
     There is no `put`: between a `find` and that, another request would start the same build.
 
-    hits: answers that needed no build of their own, those that joined a build in flight included.
-    misses: builds started.
-    bytes: what the kept entries weigh now, at most `bytes_max`.
+    hits: found in memory. joined: waited for what another request had started. misses: builds started. What is none of
+    these was found on disk, which has counters of its own.
+    bytes: what the kept entries weigh now, at most `bytes_max`. evicted: entries that made room.
+    found_bytes: of the bodies of all hits.
     """
 
-    def __init__(self, bytes_max: int) -> None:
+    def __init__(self, bytes_max: int, disk: DiskCache | None = None) -> None:
+        """disk: where chunks are kept too. It is closed by `close`."""
         self.bytes_max = bytes_max
+        self.disk = disk
         self.bytes = 0
-        self.hits = 0
-        self.misses = 0
+        self.hits = self.joined = self.misses = self.evicted = self.found_bytes = 0
         self._kept: OrderedDict[str, Chunk] = OrderedDict()
         self._building: dict[str, _Building] = {}
 
+    @property
+    def entries(self) -> int:
+        """Chunks in memory."""
+        return len(self._kept)
+
     def find(self, key: str) -> Chunk | None:
-        """Return the chunk named `key` if it is kept, or None. It counts as a hit, and as used."""
+        """Return the chunk named `key` if it is in memory, or None. It counts as a hit, and as used."""
         kept = self._kept.get(key)
         if kept is not None:
             self.hits += 1
+            self.found_bytes += len(kept.body)
             self._kept.move_to_end(key)
         return kept
 
     async def get_or_build(self, key: str, build: Build) -> Chunk:
-        """Return the chunk named `key`, building it at most once however many ask.
+        """Return the chunk named `key`, reading or building it at most once however many ask.
 
         A caller that is cancelled does not cancel the build: others may wait for it. When the last one leaves, a build
         that has not begun is cancelled; one that has begun goes on into the cache. Raises what `build` raises, to
@@ -66,10 +79,9 @@ class ChunkCache:
             return kept
         building = self._building.get(key)
         if building is None:
-            self.misses += 1
-            building = self._building[key] = _Building(partial(self._build, key, build))
+            building = self._building[key] = _Building(partial(self._fill, key, build))
         else:
-            self.hits += 1
+            self.joined += 1
         building.waiters += 1
         try:
             return await asyncio.shield(building.task)
@@ -77,14 +89,24 @@ class ChunkCache:
             building.waiters -= 1
             self._drop_unwanted(key, building)
 
+    async def close(self) -> None:
+        """Close the disk cache, which writes what it has been given."""
+        if self.disk:
+            await self.disk.close()
+
     def _drop_unwanted(self, key: str, building: _Building) -> None:
         if not (building.waiters or building.begun or building.task.done()):
             del self._building[key]  # at once: who comes now must not join what is being cancelled
             building.task.cancel()
 
-    async def _build(self, key: str, build: Build, building: _Building) -> Chunk:
+    async def _fill(self, key: str, build: Build, building: _Building) -> Chunk:
         try:
-            chunk = await build(building.begin)
+            chunk = await self.disk.find(key) if self.disk else None
+            if chunk is None:
+                self.misses += 1
+                chunk = await build(building.begin)
+                if self.disk:
+                    self.disk.keep(key, chunk)
         finally:
             if self._building.get(key) is building:
                 del self._building[key]
@@ -99,6 +121,7 @@ class ChunkCache:
         while self.bytes > self.bytes_max:
             _, oldest = self._kept.popitem(last=False)
             self.bytes -= _weight(oldest)
+            self.evicted += 1
 
 
 def _weight(chunk: Chunk) -> int:

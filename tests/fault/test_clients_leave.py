@@ -69,7 +69,7 @@ def test_queued_work_is_freed_when_the_last_client_leaves(run, tmp_path, how):
             first = await service.ask(0)
             await until(lambda: service.cache.misses == 1)
             one, two, other = await service.ask(1), await service.ask(1), await service.ask(2)
-            await until(lambda: (service.pool.waiting, service.cache.hits) == (2, 1))
+            await until(lambda: (service.pool.waiting, service.cache.joined) == (2, 1))
             getattr(one.writer.transport, how)()
             await until(lambda: len(connections) == 3)
             assert service.pool.waiting == 2
@@ -78,7 +78,7 @@ def test_queued_work_is_freed_when_the_last_client_leaves(run, tmp_path, how):
             service.marker.touch()
             for client, x in ((first, 0), (other, 2), (await service.ask(1), 1)):
                 assert await client.answer() == (200, stub.answer(x).body)
-            assert (service.cache.misses, service.cache.hits) == (4, 1)
+            assert (service.cache.misses, service.cache.joined) == (4, 1)
 
     run(scenario())
 

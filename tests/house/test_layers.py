@@ -29,6 +29,8 @@ ONLY_IN = {
     **dict.fromkeys(("pydantic", "pydantic_core"), ("recipe", "server")),
     **dict.fromkeys(("numba", "llvmlite"), ("kernel",)),
     "apsw": ("catalogue",),
+    "lmdb": ("server",),
+    **dict.fromkeys(("backports", "compression"), ("wire",)),
 }
 """A third party's module -> the only ones of ours that may import it."""
 

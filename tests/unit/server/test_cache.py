@@ -35,7 +35,8 @@ def test_a_second_request_is_a_hit():
         cache, oven = ChunkCache(room_for(1)), Oven()
         first = await cache.get_or_build("a", oven.build)
         assert await cache.get_or_build("a", oven.build) is first
-        assert (oven.builds, cache.hits, cache.misses) == (1, 1, 1)
+        assert (oven.builds, cache.hits, cache.joined, cache.misses) == (1, 1, 0, 1)
+        assert (cache.entries, cache.found_bytes) == (1, 100)
 
     asyncio.run(scenario())
 
@@ -50,6 +51,7 @@ def test_the_least_recently_used_goes_first():
         assert oven.builds == 4
         await cache.get_or_build("a", oven.build)
         assert oven.builds == 5
+        assert (cache.entries, cache.evicted) == (2, 3)
 
     asyncio.run(scenario())
 
@@ -83,13 +85,13 @@ def test_requests_in_flight_share_one_build():
     async def scenario():
         cache, oven = ChunkCache(room_for(9)), Oven()
         oven.heat.clear()
-        callers = [asyncio.create_task(cache.get_or_build("a", oven.build)) for _ in range(50)]
+        callers = [asyncio.create_task(cache.get_or_build("a", oven.build)) for _ in range(100)]
         other = asyncio.create_task(cache.get_or_build("b", Oven().build))
         await other  # not held up by the build of "a"
         oven.heat.set()
         chunks = await asyncio.gather(*callers)
         assert all(chunk is chunks[0] for chunk in chunks)
-        assert (oven.builds, cache.hits, cache.misses) == (1, 49, 2)
+        assert (oven.builds, cache.hits, cache.joined, cache.misses) == (1, 0, 99, 2)
 
     asyncio.run(scenario())
 
