@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, Final, NoReturn, cast
 
 from uvicorn.config import Config
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from chunkserver.errors import ChunkError
@@ -89,6 +89,7 @@ class BoundedProtocol(HttpToolsProtocol, Watched):
     # Slots, for speed: with a few attributes more, the instance's dictionary shares its keys with no other any more.
     # Then each access to any attribute is slower, uvicorn's own too: 7 us a request.
     __slots__ = (
+        "_answering",
         "_begun",
         "_bounds",
         "_ended",
@@ -113,6 +114,7 @@ class BoundedProtocol(HttpToolsProtocol, Watched):
         super().__init__(config, server_state, app_state, _loop)
         self._bounds = bounds
         self._limits = bounds.limits
+        self._answering: RequestResponseCycle | None = None  # the request whose turn it is, if it had to wait for it
         self._begun: object = None  # the scope of the head that `_part_bytes` are of
         self._part_bytes = 0  # that arrived before the piece that is being parsed
         self._fault: type[ChunkError] = MalformedHttp  # what the parser fails for
@@ -136,6 +138,10 @@ class BoundedProtocol(HttpToolsProtocol, Watched):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Be forgotten."""
+        answering = self._answering
+        if answering is not None and not answering.response_complete:
+            answering.disconnected = True  # uvicorn tells only the last of several requests
+            answering.message_event.set()
         super().connection_lost(exc)
         self._bounds.connections.forget(self)
 
@@ -169,6 +175,8 @@ class BoundedProtocol(HttpToolsProtocol, Watched):
 
     def on_response_complete(self) -> None:
         """An answer is written. uvicorn would set a timer for the next request; here the next look starts that wait."""
+        if self.pipeline:
+            self._answering = self.pipeline[-1][0]
         if self.pipeline or self.flow.read_paused:
             super().on_response_complete()
 

@@ -1,7 +1,7 @@
 """A server whose builds wait until a file appears: for tests of what a stop does to requests in flight.
 
 Run as `python -m tests.contract.waiting_server FILE [SECONDS [LIMITS]]`: a stop waits that long for them, and LIMITS
-are some of `ConnectionLimits`, in JSON.
+are some of `ConnectionLimits`, in JSON; `header_seconds` is for bodies, too.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ from pathlib import Path
 from unittest import mock
 
 from chunkserver.pipeline import Chunk, ChunkRequest
-from chunkserver.server import Settings, create_app, listen, run, serve
+from chunkserver.server import Settings, body, create_app, listen, run, serve
 from chunkserver.server.connections import ConnectionLimits, Connections
 from chunkserver.wire import CODINGS
 
@@ -45,5 +45,9 @@ if __name__ == "__main__":
     settings = Settings(port=0, workers=1)
     app = create_app(settings, WaitingPool(Path(sys.argv[1])))
     limits = ConnectionLimits(**json.loads(sys.argv[3] if sys.argv[3:] else "{}"))
-    with mock.patch.object(run, "GRACE_SECONDS", int(sys.argv[2]) if sys.argv[2:] else run.GRACE_SECONDS):
+    grace_seconds = int(sys.argv[2]) if sys.argv[2:] else run.GRACE_SECONDS
+    with (
+        mock.patch.object(run, "GRACE_SECONDS", grace_seconds),
+        mock.patch.object(body, "BODY_SECONDS_MAX", limits.header_seconds),
+    ):
         serve(app, listen(settings.host, settings.port), Connections(limits))
