@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Final, NamedTuple
 
-from benchmarks import extraction, noise, service, stages, startup
+from benchmarks import extraction, noise, pool, service, stages, startup
 from benchmarks.measure import Line, Scale
 
 
@@ -32,6 +32,7 @@ JOBS: Final = {
         _job("A chunk by stages", stages),
         _job("Extraction with normals from ready samples", extraction),
         _job("Noise", noise),
+        _job("Workers", pool),
         _job("Requests", service),
         _job("Start and memory", startup),
     )

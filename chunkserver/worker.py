@@ -61,7 +61,7 @@ BODY_BYTES_MAX: Final = 1 << 27
 """A chunk of 64 cells, all of them active, in the widest profile is about a third of this."""
 SLOT_BYTES: Final = 1 << 20
 """Of each worker, kept; a longer body makes the slot larger, until it is taken."""
-JOBS_PER_MEASURE: Final = 16
+JOBS_PER_MEASURE: Final = 64
 """How often a worker asks how much memory it has: that takes 30 us."""
 
 assert 4 * TRACEBACK_CHARACTERS_MAX < FRAME_BYTES_MAX
@@ -109,15 +109,18 @@ def pack(value: object, bytes_max: int) -> bytes:
     """Return the frame of `value`. Raises `WireError` if it has more than `bytes_max` bytes."""
     pickled = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
     frame = HEADER.pack(len(pickled)) + pickled
-    frame_bytes(frame[: HEADER.size], bytes_max)
+    frame_bytes(frame, bytes_max)
     return frame
 
 
-def frame_bytes(header: bytes, bytes_max: int) -> int:
-    """Return how many bytes follow `header`. Raises `WireError` if it is torn or they are more than `bytes_max`."""
-    if len(header) < HEADER.size:
-        raise WireError(f"a frame's header ends after {len(header)} bytes", bytes=len(header))
-    (length,) = HEADER.unpack(header)
+def frame_bytes(frame: bytes, bytes_max: int) -> int:
+    """Return how many bytes follow the header that `frame` begins with.
+
+    Raises `WireError` if the header is torn or they are more than `bytes_max`.
+    """
+    if len(frame) < HEADER.size:
+        raise WireError(f"a frame's header ends after {len(frame)} bytes", bytes=len(frame))
+    (length,) = HEADER.unpack_from(frame)
     if length > bytes_max:
         raise WireError(f"a frame has {length} bytes; the limit is {bytes_max}", bytes=length, bytes_max=bytes_max)
     return int(length)

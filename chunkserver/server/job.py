@@ -41,7 +41,7 @@ def rank(urgency: int, distance: float, lod: int) -> Rank:
 
     distance: from the viewer, in chunk lengths. Bands of it end at 1, 2, 4 and so on: there are few ranks.
     """
-    return Rank(urgency, max(0, frexp(min(distance, DISTANCE_MAX))[1]), -lod)
+    return Rank(urgency, max(0, frexp(min(distance, DISTANCE_MAX))[1]) if distance else 0, -lod)
 
 
 @dataclass(eq=False, slots=True)

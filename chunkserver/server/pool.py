@@ -7,7 +7,8 @@
 A worker is lost when it ends, and when it hangs: then it is killed. The supervisor keeps the number of workers: it
 forks one for each that is lost or has grown too large. When the fork server ends, or does not fork in time, it kills
 all that is left of it and starts another; jobs wait meanwhile, until their deadline, and those that its workers had
-have lost nothing. Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
+have lost nothing. The workers may be seen to end before it is: so a loss counts once it has forked another in place of
+the lost. Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
 """
 
 import asyncio
@@ -27,8 +28,6 @@ from chunkserver.server.workers import FORK_SERVER, ForkServer, Worker
 RETRY_SECONDS: Final = 0.05
 RETRY_SECONDS_MAX: Final = 5.0
 LOSSES_MAX: Final = 2
-JUDGED_SECONDS: Final = 0.02
-"""From the end of a worker until it is known whether the fork server has ended too, which may be seen later."""
 TICK_SECONDS: Final = 0.05
 """How often deadlines are looked at. A timer for each job costs more than all the rest of it."""
 
@@ -74,8 +73,7 @@ class Pool:
         self._workers: set[Worker] = set()
         self._idle: list[Worker] = []
         self._waiting = Waiting(limits.jobs_waiting)
-        self._lost_jobs: dict[Job, ForkServer] = {}
-        self._fork_server: ForkServer | None = None
+        self._lost_jobs: list[Job] = []
         self._ready = asyncio.Event()
         self._changed = asyncio.Event()
         self._retry_seconds = RETRY_SECONDS
@@ -137,8 +135,9 @@ class Pool:
         self._give_out()
         try:
             return await job.answer
-        finally:
+        except asyncio.CancelledError:
             self._waiting.leave(job)
+            raise
 
     async def close(self) -> None:
         """End all workers. Jobs that are not done raise `Unavailable`; builds that should finish are awaited before."""
@@ -147,7 +146,7 @@ class Pool:
             task.cancel()
         if self._tasks:
             await asyncio.wait(self._tasks)
-        for job in (*self._waiting, *self._lost_jobs):
+        for job in self._waiting:
             job.settle(_stopping())
 
     def _give_out(self) -> None:
@@ -173,6 +172,9 @@ class Pool:
     def _is_worn(self, worker: Worker) -> bool:
         return worker.grown_bytes > self._limits.worker_bytes
 
+    def _fresh(self) -> int:
+        return sum(not self._is_worn(worker) for worker in self._workers)
+
     def _retire(self) -> None:
         """End idle workers that have grown too large, as far as others are there in their place."""
         surplus = sum(worker.pid != 0 for worker in self._workers) - self._count
@@ -193,14 +195,14 @@ class Pool:
         if worker.pid != 0:  # one that never came to be is told of by who asked for it
             self.tally.lost += 1
             _log.warning("worker %d is lost%s", worker.pid, f" while it built {job.request.key}" if job else "")
-        if job is not None and self._fork_server is not None:
-            self._lost_jobs[job] = self._fork_server
-            asyncio.get_running_loop().call_later(JUDGED_SECONDS, self._judge, job)
+        if job is not None and self._fresh() < self._count:
+            self._lost_jobs.append(job)
+        elif job is not None:  # nothing is forked in place of this one
+            self._retry(job)
         self._changed.set()
 
-    def _judge(self, job: Job) -> None:
-        """Let the job of a lost worker wait again, or refuse it. What went with the fork server is no loss of its."""
-        job.losses += self._lost_jobs.pop(job).alive
+    def _retry(self, job: Job) -> None:
+        job.losses += 1
         if job.answer.done():
             return
         if job.losses >= LOSSES_MAX:
@@ -217,8 +219,8 @@ class Pool:
             await asyncio.sleep(TICK_SECONDS)
             now = time.monotonic()
             self._kill_hung(now)
-            jobs = (worker.job for worker in self._workers if worker.job is not None)
-            for job in [job for job in (*self._waiting, *jobs) if now > job.deadline]:
+            jobs = *self._waiting, *self._lost_jobs, *(worker.job for worker in self._workers if worker.job is not None)
+            for job in [job for job in jobs if now > job.deadline]:
                 self._expire(job)
 
     def _kill_hung(self, now: float) -> None:
@@ -243,7 +245,7 @@ class Pool:
             await self._pause()
 
     async def _run_fork_server(self) -> None:
-        fork_server = self._fork_server = ForkServer(self._command, self._changed.set)
+        fork_server = ForkServer(self._command, self._changed.set)
         try:
             warmth = await fork_server.connect()
             _log.info("warm after %.2f s, %d functions compiled", warmth.seconds, warmth.compiled)
@@ -256,16 +258,17 @@ class Pool:
     def _kill_workers(self) -> None:
         """Their jobs wait again, now and not when the pipes are seen to end: this loss is no fault of theirs."""
         workers, self._workers = self._workers, set()
+        lost, self._lost_jobs = self._lost_jobs, []
         self._idle.clear()
-        for worker in workers:
-            job = worker.take_back()
+        for job in (*lost, *(worker.take_back() for worker in workers)):
             if job is not None and not job.answer.done():
                 self._waiting.put_back(job)
+        for worker in workers:
             worker.kill()
 
     async def _keep_workers(self, fork_server: ForkServer) -> None:
         while fork_server.alive:
-            if sum(not self._is_worn(worker) for worker in self._workers) < self._count:
+            if self._fresh() < self._count:
                 await self._start_worker(fork_server)
             else:
                 self._ready.set()
@@ -275,6 +278,7 @@ class Pool:
 
     async def _start_worker(self, fork_server: ForkServer) -> None:
         worker = Worker(self.tally, self._worker_idle, self._worker_lost)
+        lost = list(self._lost_jobs)
         self._workers.add(worker)
         try:
             await fork_server.fork(worker)
@@ -285,6 +289,9 @@ class Pool:
         else:
             self._retry_seconds = RETRY_SECONDS
             _log.info("worker %d has started", worker.pid)
+            self._lost_jobs = self._lost_jobs[len(lost) :]
+            for job in lost:
+                self._retry(job)
 
     async def _pause(self) -> None:
         """Wait a little; twice as long as the last time, unless a worker has started since."""

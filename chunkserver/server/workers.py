@@ -46,21 +46,15 @@ FORK_SERVER_ENVIRONMENT: Final = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS"
 WARM_SECONDS_MAX: Final = 300.0
 START_SECONDS_MAX: Final = 10.0
 """From asking for a fork to the worker's first word."""
-BUFFER_BYTES: Final = 1 << 12
-"""Of each pipe, kept; a longer frame gets a buffer of its own."""
 
 _log: Final = logging.getLogger(__name__)
 
 
-class _Pipe(asyncio.BufferedProtocol):
-    """One end of a socket on which the other end has at most one frame under way. Anything else ends it.
-
-    It reads into a buffer that it keeps: a fresh one for each read costs the loop more than all the rest of an answer.
-    """
+class _Pipe(asyncio.Protocol):
+    """One end of a socket on which the other end has at most one frame under way. Anything else ends it."""
 
     def __init__(self) -> None:
-        self._buffer = bytearray(BUFFER_BYTES)
-        self._filled = 0
+        self._received = b""
         self._transport: asyncio.Transport | None = None
 
     def arrived(self, value: Any) -> None:
@@ -69,31 +63,20 @@ class _Pipe(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
 
-    def get_buffer(self, _sizehint: int) -> memoryview:
-        return memoryview(self._buffer)[self._filled :]
-
-    def buffer_updated(self, nbytes: int) -> None:
-        self._filled += nbytes
+    def data_received(self, data: bytes) -> None:
+        received = self._received + data if self._received else data
         try:
-            self._take_frame()
+            missing = HEADER.size - len(received)
+            if missing <= 0:
+                missing += frame_bytes(received, FRAME_BYTES_MAX)
+            if missing < 0:
+                raise WireError(f"{-missing} bytes follow a frame", bytes=-missing)
+            self._received = received if missing else b""
+            if not missing:
+                self.arrived(pickle.loads(received[HEADER.size :]))
         except WireError as error:
             _log.error("a pipe is out of step: %s", error)
             self.abort()
-
-    def _take_frame(self) -> None:
-        if self._filled < HEADER.size:
-            return
-        end = HEADER.size + frame_bytes(bytes(self._buffer[: HEADER.size]), FRAME_BYTES_MAX)
-        if self._filled > end:
-            raise WireError(f"{self._filled - end} bytes follow a frame", bytes=self._filled - end)
-        if self._filled == end:
-            value = pickle.loads(memoryview(self._buffer)[HEADER.size : end])
-            self._filled = 0
-            if end > BUFFER_BYTES:
-                self._buffer = bytearray(BUFFER_BYTES)
-            self.arrived(value)
-        elif end > len(self._buffer):
-            self._buffer = self._buffer + bytearray(end - len(self._buffer))
 
     def write(self, frame: bytes) -> None:
         assert self._transport is not None

@@ -2,9 +2,11 @@
 
 import asyncio
 import os
+import random
+import signal
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from chunkserver.server.pool import Limits, Pool
@@ -42,6 +44,19 @@ def workers() -> list[int]:
     return children(fork_server())
 
 
+def open_files(pid: int | str) -> int:
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+def slot_bytes(pid: int) -> int:
+    """Return how much shared memory without a name a process has open."""
+    total = 0
+    for path in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(FileNotFoundError):  # the folder's own descriptor
+            total += path.stat().st_size if str(path.readlink()).startswith("/memfd:") else 0
+    return total
+
+
 async def until(condition: Callable[[], object], seconds: float = PATIENCE_SECONDS) -> None:
     """Return as soon as `condition` holds; fail after `seconds`."""
     end = time.monotonic() + seconds
@@ -69,3 +84,32 @@ async def right(pool: Pool, *numbers: int) -> None:
     """Ask for these all at once; each gets its own answer."""
     answers = await asyncio.gather(*(pool.build(stub.ask(x=x)) for x in numbers))
     assert answers == [stub.answer(x) for x in numbers]
+
+
+class Load:
+    """Clients that ask one thing after the other, each as soon as it has its answer, until `over`."""
+
+    def __init__(self, clients: int, ask: Callable[[], Awaitable[None]]) -> None:
+        self.answers = [0] * clients
+        self._ask = ask
+        self._over = False
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        async with asyncio.TaskGroup() as tasks:
+            for client in range(len(self.answers)):
+                tasks.create_task(self._run(client))
+            yield
+            self._over = True
+
+    async def kill_a_worker(self, number: int = signal.SIGKILL) -> None:
+        """Kill one, then wait for an answer to each client: a job that loses two workers is a test of its own."""
+        await until(workers)
+        os.kill(random.choice(workers()), number)
+        before = list(self.answers)
+        await until(lambda: all(now > old for now, old in zip(self.answers, before, strict=True)))
+
+    async def _run(self, client: int) -> None:
+        while not self._over:
+            await self._ask()
+            self.answers[client] += 1

@@ -2,15 +2,17 @@
 
 import json
 import os
+import random
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from chunkserver.errors import BadKey
 from chunkserver.grid import ChunkKey
 from chunkserver.kernel import SOURCES_DIGEST
-from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.pipeline import STAGES, Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe
 from chunkserver.worker import Warmth, main
 
@@ -19,13 +21,18 @@ COMMAND = (sys.executable, __file__)
 BODY_BYTES = 60_000
 
 
-def ask(deed: str = "answer", argument: str = "", x: int = 0) -> ChunkRequest:
+def ask(deed: str = "answer", argument: str = "", x: int = 0, lod: int = 0) -> ChunkRequest:
     """Return a request that makes a worker of ours do `deed` and answer with `answer(x)`."""
-    return ChunkRequest(WorldRecipe(0, json.dumps([deed, argument])), ChunkKey(0, x, 0, 0))
+    return ChunkRequest(WorldRecipe(0, json.dumps([deed, argument])), ChunkKey(lod, x, 0, 0))
 
 
 def answer(x: int) -> Chunk:
     return Chunk("surface", f"{x} ".encode() * (BODY_BYTES // len(f"{x} ")))
+
+
+def body(size: int) -> bytes:
+    """Return what the deed "size" answers with."""
+    return random.Random(size).randbytes(size)
 
 
 def die(marker: str) -> None:
@@ -58,6 +65,14 @@ def hang(marker: str) -> None:
         time.sleep(60)
 
 
+KEPT: list[bytes] = []
+
+
+def grow(size: str) -> None:
+    """Keep so many bytes more than before."""
+    KEPT.append(b"x" * int(size))
+
+
 DEEDS = {
     "answer": lambda _: None,
     "sleep": lambda seconds: time.sleep(float(seconds)),
@@ -66,13 +81,19 @@ DEEDS = {
     "refuse": refuse,
     "fail": fail,
     "hang": hang,
+    "grow": grow,
 }
 
 
-def build(request: ChunkRequest, _stage: object = None) -> Chunk:
+def build(request: ChunkRequest, stage: Callable[[str], object]) -> Chunk:
     deed, argument = json.loads(request.recipe.source)
     if deed == "size":
-        return Chunk("surface", bytes(int(argument)))
+        return Chunk("surface", body(int(argument)))
+    if deed == "stages":
+        for name in STAGES:
+            stage(name)
+            time.sleep(float(argument))
+        return answer(request.key.x)
     if deed == "tell":
         return Chunk("surface", json.dumps({"pid": os.getpid(), "modules": sorted(sys.modules)}).encode())
     DEEDS[deed](argument)

@@ -13,7 +13,7 @@ from chunkserver.errors import WorkerLost
 from chunkserver.server.pool import LOSSES_MAX
 from chunkserver.server.workers import FORK_SERVER
 from tests.fault import stub
-from tests.fault.pools import alive, children, fork_server, right, running, until, workers
+from tests.fault.pools import alive, children, fork_server, open_files, right, running, until, workers
 from tests.scale import TORTURE
 
 
@@ -47,10 +47,6 @@ def test_a_worker_has_its_pipe_its_slot_and_nothing_else_of_the_server(run):
             assert not web & set(told["modules"])
 
     run(scenario())
-
-
-def open_files(pid: int | str) -> int:
-    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
 
 
 def test_no_descriptor_or_zombie_is_left_by_200_lost_workers(run):
