@@ -1,28 +1,39 @@
-"""The real server, whose workers are killed all the while: each answer is right, to the byte."""
+"""The real server, whose workers are killed or stopped all the while: each answer is right, to the byte, and nothing is
+left of the lost."""
 
 import hashlib
 import itertools
 import os
 import random
 import signal
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
 
 import httpx2
+import pytest
 
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.wire import Encoding
-from tests.fault.pools import PATIENCE_SECONDS, children
-from tests.scale import count
+from tests.fault.pools import PATIENCE_SECONDS, children, open_files, slot_bytes
+from tests.scale import TORTURE, count
 from tests.serving import Server, serving, until
 
 CONNECTIONS = 8
 KILLS = count(2_000)
 WORLDS = {name: WorldRecipe(42, builtin(name)) for name in ("terrain", "caves", "planet", "hills")}
-LOST = r"WARNING chunkserver\.server\.pool: (worker \d+ is lost|no worker was started)"
+LOST = r"(WARNING|ERROR) chunkserver\.server\.pool: (worker \d+ (is lost|takes over)|no worker was started)"
+SECONDS = 60 if TORTURE else 3
+STOP_SECONDS = 5.0 if TORTURE else 1.0
+"""Until a worker that is stopped is taken for hung."""
+CACHE_BYTES = 1 << 20
+GROWTH_BYTES_MAX = 32 << 20
+"""Of the server, while it makes chunks of far more than that."""
 Asked = tuple[str, ChunkKey, str]
 Answer = tuple[int, str]
 
@@ -71,20 +82,25 @@ class Load:
         )
 
 
-def kill_a_worker(server: Server) -> None:
+def workers_of(server: Server) -> list[int]:
     (fork_server,) = children(server.child.pid)
+    return children(fork_server)
+
+
+def send_to_a_worker(server: Server, number: int = signal.SIGKILL) -> None:
     with suppress(ProcessLookupError):
-        os.kill(random.choice(until(lambda: children(fork_server), PATIENCE_SECONDS)), signal.SIGKILL)
+        os.kill(random.choice(until(lambda: workers_of(server), PATIENCE_SECONDS)), number)
 
 
-def test_every_answer_is_right_to_the_byte(tmp_path):
-    with serving(tmp_path / "log", "--workers", "2", expected=LOST) as server, ThreadPoolExecutor(CONNECTIONS) as pool:
+@contextmanager
+def loaded(log: Path, *options: str) -> Iterator[Load]:
+    """A server of two workers, and its clients; at the end all that they were answered is right."""
+    served = serving(log, "--workers", "2", "--cache-bytes", str(CACHE_BYTES), *options, expected=LOST)
+    with served as server, ThreadPoolExecutor(CONNECTIONS) as threads:
         load = Load(server)
-        clients = [pool.submit(load.run, connection) for connection in range(CONNECTIONS)]
+        clients = [threads.submit(load.run, connection) for connection in range(CONNECTIONS)]
         try:
-            for _ in range(KILLS):
-                load.wait_for_all()
-                kill_a_worker(server)
+            yield load
         finally:
             load.over = True
         for client in clients:
@@ -92,4 +108,42 @@ def test_every_answer_is_right_to_the_byte(tmp_path):
     answers = {question: answer for found in load.answers for question, answer in found.items()}
     assert {status for status, _ in answers.values()} == {200, 204}
     assert answers == {question: right(*question) for question in answers}
-    assert " is lost while it built" in (tmp_path / "log").read_text()
+    assert " is lost while it built" in log.read_text()
+
+
+def test_every_answer_is_right_to_the_byte(tmp_path):
+    with loaded(tmp_path / "log") as load:
+        for _ in range(KILLS):
+            load.wait_for_all()
+            send_to_a_worker(load.server)
+
+
+def in_use(server: Server) -> tuple[tuple[int, int, int], int]:
+    """Return the descriptors of the server and of its fork server, the bytes of slots; and the server's own memory."""
+    until(lambda: len(workers_of(server)) == 2, PATIENCE_SECONDS)
+    pid, (fork_server,) = server.child.pid, children(server.child.pid)
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    memory = sum(int(line.split()[1]) * 1024 for line in lines if line.startswith(("RssAnon", "RssShmem")))
+    return (open_files(pid), open_files(fork_server), slot_bytes(pid)), memory
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_one_worker_each_second_and_nobody_notices(tmp_path, number):
+    with loaded(tmp_path / "log", "--build-seconds", str(STOP_SECONDS)) as load:
+        load.wait_for_all()
+        left, memory = in_use(load.server)
+        began = time.monotonic()
+        for second in range(1, SECONDS + 1):
+            send_to_a_worker(load.server, number)
+            until(partial(passed, began + second), PATIENCE_SECONDS)
+        until(
+            lambda: in_use(load.server)[0] == left,
+            PATIENCE_SECONDS,
+            "all that was lost is replaced, nothing else is left",
+        )
+        load.wait_for_all()
+        assert in_use(load.server)[1] - memory < GROWTH_BYTES_MAX
+
+
+def passed(end: float) -> bool:
+    return time.monotonic() >= end
