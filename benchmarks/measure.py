@@ -28,6 +28,7 @@ class Scale(NamedTuple):
     chunks: different chunks in rotation; repeating one flatters everybody.
     rounds: of candidates in turns.
     cold_requests, warm_requests: that a round sends to the server; each cold one is another chunk.
+    load_seconds: how long a round offers load at a fixed rate.
     starts: rounds of starting a process.
     compiles: starts without compiled code.
     """
@@ -36,12 +37,13 @@ class Scale(NamedTuple):
     rounds: int
     cold_requests: int
     warm_requests: int
+    load_seconds: float
     starts: int
     compiles: int
 
 
-FULL: Final = Scale(chunks=64, rounds=15, cold_requests=512, warm_requests=2048, starts=5, compiles=3)
-TINY: Final = Scale(chunks=2, rounds=2, cold_requests=8, warm_requests=16, starts=1, compiles=0)
+FULL: Final = Scale(chunks=64, rounds=15, cold_requests=512, warm_requests=2048, load_seconds=5.0, starts=5, compiles=3)
+TINY: Final = Scale(chunks=2, rounds=2, cold_requests=8, warm_requests=16, load_seconds=0.3, starts=1, compiles=0)
 
 assert FULL.chunks >= 64, "fewer chunks stay in the caches between two turns"
 

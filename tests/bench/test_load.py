@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from benchmarks import load
-from benchmarks.load import Load, Request, send
+from benchmarks.load import Load, Request, offer, send
 
 OK = b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\nETag: x\r\n\r\nhello"
 NOT_MODIFIED = b"HTTP/1.1 304 Not Modified\r\nContent-Length: 5\r\n\r\n"
@@ -108,3 +108,27 @@ def test_a_silent_server_is_an_error(monkeypatch):
 def test_quantiles_are_of_the_sorted_latencies():
     done = Load(latencies=[1.0, 2.0, 3.0, 4.0])
     assert [done.quantile(share) for share in (0, 0.5, 0.99, 1)] == [1.0, 3.0, 4.0, 4.0]
+
+
+def test_an_open_loop_sends_as_many_as_are_due_and_counts_every_answer():
+    with answering(OK) as (url, requests):
+        done = offer(url, (Request(f"/{number}") for number in range(1000)), rate=200.0, seconds=0.5)
+    assert (done.answers, dict(done.statuses), len(requests)) == (100, {"200": 100}, 100)
+    assert len({request.split()[1] for request in requests}) == 100
+    assert done.seconds >= 0.49
+    assert sorted(done.good_latencies) == done.latencies
+
+
+def test_an_open_loop_goes_on_when_a_connection_ends_before_its_answer():
+    with answering(OK, answers=1) as (url, _):
+        done = offer(url, (Request("/") for _ in range(1000)), rate=100.0, seconds=0.3)
+    assert done.answers + done.statuses["end"] == 30
+    assert done.statuses["200"] == done.answers > 0
+
+
+def test_an_open_loop_does_not_open_connections_for_ever(monkeypatch):
+    monkeypatch.setattr(load, "OPEN_CONNECTIONS_MAX", 4)
+    monkeypatch.setattr(load, "LOAD_SECONDS_MAX", 1.0)
+    with answering(b"HTTP/1.1 200 OK\r\n") as (url, requests), pytest.raises(TimeoutError):
+        offer(url, (Request("/") for _ in range(1000)), rate=100.0, seconds=0.5)
+    assert len(requests) == 4
