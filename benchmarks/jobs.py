@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Final, NamedTuple
 
-from benchmarks import extraction, noise, pool, service, stages, startup
+from benchmarks import extraction, noise, overload, pool, service, stages, startup
 from benchmarks.measure import Line, Scale
 
 
@@ -34,6 +34,7 @@ JOBS: Final = {
         _job("Noise", noise),
         _job("Workers", pool),
         _job("Requests", service),
+        _job("Overload", overload),
         _job("Start and memory", startup),
     )
 }
