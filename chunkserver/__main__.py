@@ -51,7 +51,7 @@ def serve_command(settings: Settings, _origins: Origins) -> None:
         served = create_app(settings)
     except StoreError as error:
         _end(error.message)
-    serve(served, listening)
+    serve(served, listening, served.state.service.connections)
 
 
 @app.command("warm")

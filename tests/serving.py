@@ -32,7 +32,7 @@ MARK: Final = "MARK_OF_A_TEST"
 """Set for the server and so for all its children: what is left of them is found by it."""
 
 _LISTENS: Final = re.compile(r" on (http://\S+);")
-_TIME: Final = r"\d{4}-\d\d-\d\d \S+"
+_TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z"
 
 _Value = TypeVar("_Value")
 

@@ -14,10 +14,12 @@ from chunkserver.catalogue import Catalogue
 from chunkserver.server import batch, health, landing, openapi, problems, recipes, seeds, world_chunks, worlds
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
+from chunkserver.server.connections import Connections
 from chunkserver.server.cors import Cors, CorsLayer
 from chunkserver.server.front import Front
 from chunkserver.server.pool import Pool
 from chunkserver.server.posted import PostedRecipes
+from chunkserver.server.request_log import RequestLog
 from chunkserver.server.service import Builder, Service
 from chunkserver.server.settings import Settings
 from chunkserver.server.store import WorldStore
@@ -64,12 +66,14 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         Answers(cache, cors),
         PostedRecipes(),
         WorldStore(Catalogue(settings.data), settings.answer_seconds),
+        Connections(settings.connection_limits),
     )
     for room in (landing, health, recipes, worlds, world_chunks, seeds, batch):
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)
-    app.front = Front(CorsLayer(app.routed, cors), app.state.service)
+    logged = RequestLog(CorsLayer(app.routed, cors), app.state.service.requests, settings.log_requests)
+    app.front = Front(logged, app.state.service)
     return app
 
 

@@ -9,6 +9,7 @@ import typer
 from pydantic.fields import FieldInfo
 
 from chunkserver.errors import BadSetting
+from chunkserver.server import log_format
 from chunkserver.server.settings import Settings
 from chunkserver.server.sources import CONFIG, choose, flag
 
@@ -29,7 +30,8 @@ _CONFIG: Final = inspect.Parameter(
 def with_settings(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command an option for each setting in `names`, by default for all of them, and `--config`.
 
-    It is called with the settings, where each of them comes from, and the options of its own by their names.
+    It is called with the settings, where each of them comes from, and the options of its own by their names;
+    what it logs is logged as they say.
     """
     options = {
         name: _option(name, field) for name, field in Settings.model_fields.items() if name in names or not names
@@ -43,6 +45,7 @@ def with_settings(*names: str) -> Callable[[Callable[..., None]], Callable[..., 
             except BadSetting as error:
                 typer.echo(error.message, err=True)
                 raise typer.Exit(MISUSED) from None
+            log_format.install(chosen[0].log_format, chosen[0].log_level)
             command(*chosen, **given)
 
         own = list(inspect.signature(command).parameters.values())[2:]

@@ -24,6 +24,11 @@ PROBLEM_SCHEMA: Final = {
         "title": {"type": "string"},
         "status": {"type": "integer", "minimum": 400, "maximum": 599},
         "detail": {"type": "string"},
+        "instance": {
+            "type": "string",
+            "format": "uri",
+            "description": "The request, by its `X-Request-Id`; not there if it had none.",
+        },
     },
     "additionalProperties": True,
 }

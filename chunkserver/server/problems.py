@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from http import HTTPStatus
 from itertools import islice
 from typing import Any, Final, NamedTuple
+from urllib.parse import quote
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -29,6 +30,9 @@ from chunkserver.server.job import BuildFault
 
 MEDIA_TYPE: Final = "application/problem+json"
 TYPE_PREFIX: Final = "urn:chunkserver:problem:"
+INSTANCE_PREFIX: Final = "urn:chunkserver:request:"
+REQUEST_ID: Final = "chunkserver.request_id"
+"""Where the scope of a request has its id, if it has one."""
 RETRY_SOON_SECONDS: Final = 1
 VALUES_MAX: Final = 16
 """Offending values in one answer."""
@@ -189,18 +193,21 @@ async def answer(request: Request, error: Exception) -> Response:
         headers["Allow"] = _allowed(request)
     if problem.retry_after is not None:
         headers["Retry-After"] = str(problem.retry_after)
-    body = problem_body(problem, detail, values)
+    body = problem_body(problem, detail, values, request.scope.get(REQUEST_ID, ""))
     return Response(json.dumps(body, allow_nan=False), problem.status, headers, MEDIA_TYPE)
 
 
-def problem_body(problem: Problem, detail: str, values: Mapping[str, object]) -> dict[str, object]:
-    """Return the members of one problem: the four standard ones, then the offending values, cut to their limits."""
+def problem_body(
+    problem: Problem, detail: str, values: Mapping[str, object], request_id: str = ""
+) -> dict[str, object]:
+    """Return the members of one problem: the standard ones, then the offending values, cut to their limits."""
     named = [(name[:VALUE_CHARS_MAX], value) for name, value in values.items() if name not in RESERVED]
     return {
         "type": problem.type,
         "title": problem.title,
         "status": problem.status,
         "detail": detail[:DETAIL_CHARS_MAX],
+        **({"instance": INSTANCE_PREFIX + quote(request_id)} if request_id else {}),
         **{name: _member(value) for name, value in named[:VALUES_MAX]},
     }
 

@@ -15,6 +15,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from chunkserver import __version__
+from chunkserver.server import log_format
 from chunkserver.server.connections import ConnectionLimits, Connections
 from chunkserver.server.protocol import bounded
 
@@ -24,7 +25,6 @@ DESCRIPTORS_BESIDE: Final = 1024
 """File descriptors that are needed besides those of connections: workers, worlds, the cache on disk."""
 GRACE_SECONDS: Final = 30
 """How long a stop waits for requests in flight."""
-LOG_FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 logger: Final = logging.getLogger("chunkserver")
 
@@ -35,7 +35,8 @@ def serve(app: ASGIApp, listening: socket.socket, connections: Connections | Non
     connections: their limits, and where they are counted; by default those of `ConnectionLimits`.
     """
     bounds = Connections() if connections is None else connections
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT, stream=sys.stderr)
+    if not logging.getLogger().handlers:
+        log_format.install("text", "info")
     logging.getLogger("uvicorn").setLevel(logging.ERROR)  # its warnings are about clients: anybody could fill the log
     logging.getLogger("uvicorn.error").addFilter(_is_news)
     for number in (signal.SIGINT, signal.SIGTERM):

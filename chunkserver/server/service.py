@@ -1,7 +1,7 @@
 """What every route shares: the workers, the cache, the posted recipes and the worlds, found on the application."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
 from fastapi import Depends, Request
@@ -9,8 +9,10 @@ from fastapi import Depends, Request
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
+from chunkserver.server.connections import Connections
 from chunkserver.server.job import URGENCY_DEFAULT
 from chunkserver.server.posted import PostedRecipes
+from chunkserver.server.request_counts import RequestCounts
 from chunkserver.server.store import WorldStore
 
 
@@ -43,13 +45,15 @@ class Builder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """The workers, the chunks that they made, answers given before, posted recipes, and the worlds."""
+    """Workers, the chunks that they made, answers given before, posted recipes, worlds; connections and counts."""
 
     pool: Builder
     cache: ChunkCache
     answers: Answers
     posted: PostedRecipes
     worlds: WorldStore
+    connections: Connections = field(default_factory=Connections)
+    requests: RequestCounts = field(default_factory=RequestCounts)
 
 
 async def _service(request: Request) -> Service:

@@ -3,6 +3,7 @@ import re
 from contextlib import closing
 from pathlib import Path
 from typing import Any, get_args
+from unittest import mock
 
 import pytest
 from typer.testing import CliRunner
@@ -13,7 +14,7 @@ from chunkserver.catalogue import FILE_NAME, Catalogue, World
 from chunkserver.errors import StoreError
 from chunkserver.pipeline import generator
 from chunkserver.recipe import WorldRecipe, builtin
-from chunkserver.server import Settings
+from chunkserver.server import Settings, log_format
 from chunkserver.server.keys import Scope, digest_of_key, parse_key
 from chunkserver.server.sources import CONFIG, flag, variable
 from chunkserver.worker import Warmth
@@ -53,13 +54,29 @@ def _no_variables(monkeypatch):
         monkeypatch.delenv(name, raising=False)
 
 
+@pytest.fixture(autouse=True)
+def installed(monkeypatch):
+    """How the command line has the log written."""
+    found = []
+    monkeypatch.setattr(log_format, "install", lambda *chosen: found.append(chosen))
+    return found
+
+
+class App:
+    """What stands for the application."""
+
+    def __init__(self, settings):
+        self.settings = settings
+        self.state = mock.MagicMock()
+
+
 @pytest.fixture
 def served(monkeypatch):
     """The settings of every `serve` that the command line asks for, and where it listens."""
     found = []
-    monkeypatch.setattr(command_line, "create_app", lambda settings: settings)
+    monkeypatch.setattr(command_line, "create_app", App)
     monkeypatch.setattr(command_line, "listen", lambda host, port: (host, port))
-    monkeypatch.setattr(command_line, "serve", lambda app, listening: found.append((app, listening)))
+    monkeypatch.setattr(command_line, "serve", lambda app, listening, _: found.append((app.settings, listening)))
     return found
 
 
@@ -90,8 +107,9 @@ def test_every_setting_has_another_value_here():
     assert all(value != getattr(Settings(), name) for name, value in OTHERS.items())
 
 
-def test_every_setting_is_an_option(served):
+def test_every_setting_is_an_option(served, installed):
     assert run("serve", *as_flags()).exit_code == 0
+    assert installed == [("json", "error")]
     assert served == [(Settings(**OTHERS), ("::1", 8001))]
 
 
@@ -159,7 +177,7 @@ def test_worlds_that_cannot_be_had(monkeypatch):
 
 @pytest.mark.usefixtures("served")
 def test_a_fault_while_it_serves_is_not_blamed_on_the_address(monkeypatch):
-    def serve(_app, _listening):
+    def serve(*_):
         raise OSError("no space is left")
 
     monkeypatch.setattr(command_line, "serve", serve)

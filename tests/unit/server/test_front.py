@@ -66,7 +66,7 @@ class Service:
         self.shared = self.app.state.service
         self.passed = 0
         self.front = self.app.front
-        self.plain = self.front._app
+        self.plain = self.front._app._app  # within the log of requests, which gives each another id
         self.front._app = self._pass
 
     async def __aenter__(self):
