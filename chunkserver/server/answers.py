@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from starlette.types import Message, Scope
 
 from chunkserver.grid import ChunkKey
-from chunkserver.server.cache import ChunkCache
+from chunkserver.server.cache import ChunkCache, Kept
 from chunkserver.server.cors import Cors
 from chunkserver.server.etag import is_known
 from chunkserver.server.plan import Plan, Reply
@@ -76,13 +76,16 @@ class _Entry:
     quoted: bytes
     found: Message | None = None
     has_body: bool = False
+    kept: Kept | None = None
     not_modified: Message | None = None
+    used: bool = False
 
 
 class Answers:
-    """Heads of answers by request, and plans by kind of request; bodies are in `cache`. Least recently used go first.
+    """Heads of answers by request, and plans by kind of request; bodies are in `cache`.
 
-    One event loop owns it; nothing in it is thread-safe.
+    One event loop owns it; nothing in it is thread-safe. What was not used for long goes first. A use is a mark and no
+    change of order: beside a body of 60 KB it is memory that is not in the processor's caches that costs.
 
     bytes: what the kept entries weigh now, at most `bytes_max`.
     hits, not_modified: answers given from here.
@@ -107,17 +110,19 @@ class Answers:
         A body counts as a hit of the cache, and as used.
         """
         path, rest, known = wanted
-        key = path, rest
-        entry = self._kept.get(key)
+        entry = self._kept.get((path, rest))
         if entry is None or not entry.plan.holds():
             return None
-        self._kept.move_to_end(key)
+        entry.used = True
         if known is not None and (known == entry.quoted or wanted.knows(entry.tag)):
             self.not_modified += 1
             if entry.not_modified is None:
                 entry.not_modified = self.start(wanted, entry.plan.not_modified(entry.tag))
             return entry.not_modified, b""
-        chunk = entry.found and self._cache.find(entry.tag)
+        chunk = entry.kept and self._cache.use(entry.kept)
+        if not chunk:
+            entry.kept = self._cache.look_up(entry.tag)  # it may have been dropped, and built again
+            chunk = entry.kept and self._cache.use(entry.kept)
         if not (entry.found and chunk):
             return None
         self.hits += 1
@@ -152,14 +157,22 @@ class Answers:
         key = wanted.path, wanted.rest
         entry = self._kept.get(key)
         if entry is None:
-            self.bytes += weight + ENTRY_BYTES
+            self._make_room(weight + ENTRY_BYTES)
         if entry is None or entry.plan is not plan:
             entry = self._kept[key] = _Entry(plan, tag, b'"%b"' % tag.encode())
         if reply.status != HTTPStatus.NOT_MODIFIED:
             entry.found, entry.has_body = self.start(wanted, reply), reply.status == HTTPStatus.OK
-        while self.bytes > self.bytes_max:
-            (path, rest), _ = self._kept.popitem(last=False)
-            self.bytes -= _bytes(Asked(path, rest, None)) + ENTRY_BYTES
+
+    def _make_room(self, weight: int) -> None:
+        """Drop the oldest; what was used since it was the oldest last time has a second chance."""
+        self.bytes += weight
+        while self.bytes > self.bytes_max and self._kept:
+            (path, rest), entry = self._kept.popitem(last=False)
+            if entry.used:
+                entry.used = False
+                self._kept[path, rest] = entry
+            else:
+                self.bytes -= _bytes(Asked(path, rest, None)) + ENTRY_BYTES
 
     def start(self, wanted: Asked, reply: Reply) -> Message:
         """Return the ASGI message that begins `reply`."""

@@ -7,6 +7,7 @@ get_or_build   memory, then once for all who wait: disk, if there is one, then t
 import asyncio
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -19,6 +20,14 @@ ENTRY_BYTES: Final = 512
 
 Build = Callable[[Callable[[], None]], Awaitable[Chunk]]
 """Builds one chunk; calls its argument when the work has begun, from when on it is worth finishing."""
+
+
+@dataclass(slots=True, eq=False)
+class Kept:
+    """A chunk in memory, and whether it was used since it was the oldest last time. None once it was dropped."""
+
+    chunk: Chunk | None
+    used: bool = False
 
 
 class _Building:
@@ -34,12 +43,14 @@ class _Building:
 
 
 class ChunkCache:
-    """The least recently used chunks go first. One event loop owns it; nothing in it is thread-safe.
+    """Chunks that were not used for long go first. One event loop owns it; nothing in it is thread-safe.
 
+    A use is a mark and no change of order (an order of second chances). So it can be made through a `Kept`, without a
+    look at any table: beside bodies of 60 KB it is memory that is not in the processor's caches that costs.
     There is no `put`: between a `find` and that, another request would start the same build.
 
-    hits: found in memory. joined: waited for what another request had started. misses: builds started. What is none of
-    these was found on disk, which has counters of its own.
+    hits: used out of memory. joined: waited for what another request had started. misses: builds started. What is none
+    of these was found on disk, which has counters of its own.
     bytes: what the kept entries weigh now, at most `bytes_max`. evicted: entries that made room.
     found_bytes: of the bodies of all hits.
     """
@@ -50,7 +61,7 @@ class ChunkCache:
         self.disk = disk
         self.bytes = 0
         self.hits = self.joined = self.misses = self.evicted = self.found_bytes = 0
-        self._kept: OrderedDict[str, Chunk] = OrderedDict()
+        self._kept: OrderedDict[str, Kept] = OrderedDict()
         self._building: dict[str, _Building] = {}
 
     @property
@@ -61,11 +72,24 @@ class ChunkCache:
     def find(self, key: str) -> Chunk | None:
         """Return the chunk named `key` if it is in memory, or None. It counts as a hit, and as used."""
         kept = self._kept.get(key)
-        if kept is not None:
+        return None if kept is None else self.use(kept)
+
+    def look_up(self, key: str) -> Kept | None:
+        """Return what `find` would find, without counting it."""
+        return self._kept.get(key)
+
+    def use(self, kept: Kept) -> Chunk | None:
+        """Return the chunk if it is in memory still, or None. It counts as a hit, and as used."""
+        chunk = kept.chunk
+        if chunk is not None:
             self.hits += 1
-            self.found_bytes += len(kept.body)
-            self._kept.move_to_end(key)
-        return kept
+            self.found_bytes += len(chunk.body)
+            kept.used = True
+        return chunk
+
+    def at_hand(self, key: str) -> bool:
+        """Whether a chunk may be had without a build that was not begun: it is in memory, on its way, or on disk."""
+        return key in self._kept or key in self._building or self.disk is not None
 
     async def get_or_build(self, key: str, build: Build) -> Chunk:
         """Return the chunk named `key`, reading or building it at most once however many ask.
@@ -114,13 +138,22 @@ class ChunkCache:
         return chunk
 
     def _keep(self, key: str, chunk: Chunk) -> None:
-        if _weight(chunk) > self.bytes_max:
+        weight = _weight(chunk)
+        if weight > self.bytes_max:
             return
-        self._kept[key] = chunk
-        self.bytes += _weight(chunk)
-        while self.bytes > self.bytes_max:
-            _, oldest = self._kept.popitem(last=False)
-            self.bytes -= _weight(oldest)
+        while self.bytes + weight > self.bytes_max:
+            self._drop_oldest()
+        self._kept[key] = Kept(chunk)
+        self.bytes += weight
+
+    def _drop_oldest(self) -> None:
+        key, oldest = self._kept.popitem(last=False)
+        if oldest.used:
+            oldest.used = False
+            self._kept[key] = oldest
+        elif oldest.chunk is not None:
+            self.bytes -= _weight(oldest.chunk)
+            oldest.chunk = None
             self.evicted += 1
 
 

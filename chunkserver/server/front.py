@@ -65,8 +65,11 @@ class Front:
         self.built += 1
         tag = plan.tag(key)
         urgent = urgency(dict(scope["headers"]).get(b"priority"))
+        service, known = self._service, wanted.knows(tag)
         try:
-            made = await reply(self._service, plan, request, tag, wanted.knows(tag), receive, urgent)
+            if service.pool.refuses(urgent, key.lod) and not (known or service.cache.at_hand(tag)):
+                raise Overloaded("too many requests are waiting for a worker")
+            made = await reply(service, plan, request, tag, known, receive, urgent)
         except Overloaded as error:
             self.refused += 1
             made = self._overloaded = self._overloaded or await _refusal(scope, error)

@@ -2,6 +2,8 @@
 
 import re
 from collections import OrderedDict
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
@@ -73,9 +75,19 @@ def source_by_digest(digest: str, posted: PostedRecipes) -> str | None:
     return _BUILTIN_SOURCES.get(digest) or posted.find(digest)
 
 
-def is_known_recipe(digest: str, posted: PostedRecipes) -> bool:
-    """Return whether `source_by_digest` finds a recipe."""
+def known(digest: str, posted: PostedRecipes) -> Callable[[], bool]:
+    """Return what tells whether `source_by_digest` finds a recipe still, and counts as a use of it."""
+    if digest in _BUILTIN_SOURCES:
+        return _always
+    return partial(_is_posted, digest, posted)
+
+
+def _is_posted(digest: str, posted: PostedRecipes) -> bool:
     return source_by_digest(digest, posted) is not None
+
+
+def _always() -> bool:
+    return True
 
 
 def digest_of(source: str) -> str:

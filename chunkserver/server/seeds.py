@@ -1,6 +1,5 @@
 """A seed's pristine world, which nobody has to create: its descriptor and its chunks."""
 
-from functools import partial
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Query, Response
@@ -38,7 +37,7 @@ from chunkserver.server.parameters import (
     refuse_repeats,
 )
 from chunkserver.server.plan import Plan
-from chunkserver.server.posted import PostedRecipes, is_known_recipe
+from chunkserver.server.posted import PostedRecipes, known
 from chunkserver.server.problems import UnknownRecipe
 from chunkserver.server.service import ServiceOfApp
 from chunkserver.wire import FORMATS, Encoding
@@ -141,4 +140,4 @@ def seed_plan(posted: PostedRecipes, seed: int, query: SeedChunkQuery, encoding:
     template = chunk_template(pristine(seed, query.recipe, posted), query, encoding)
     check_generator(query.g, generator(template.recipe))
     headers = {"Cache-Control": IMMUTABLE if query.g else REVALIDATE}
-    return Plan.of(template, headers, partial(is_known_recipe, template.recipe.digest, posted))
+    return Plan.of(template, headers, known(template.recipe.digest, posted))

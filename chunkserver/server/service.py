@@ -26,6 +26,9 @@ class Builder(Protocol):
     async def start(self) -> None:
         """Begin to get ready; returns at once."""
 
+    def refuses(self, urgency: int, lod: int) -> bool:
+        """Whether `build` would raise `Overloaded` now, for a request of that urgency and LOD. Cheap."""
+
     async def build(
         self,
         request: ChunkRequest,

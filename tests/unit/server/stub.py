@@ -19,6 +19,7 @@ class StubPool:
         self.chunk = chunk
         self.error = error
         self.ready = ready
+        self.full = False
         self.built: list[ChunkRequest] = []
         self.ranks: list[tuple[int, float]] = []
         self.life: list[str] = []
@@ -28,6 +29,9 @@ class StubPool:
 
     async def close(self) -> None:
         self.life.append("close")
+
+    def refuses(self, _urgency: int, _lod: int) -> bool:
+        return self.full
 
     async def build(
         self, request: ChunkRequest, begun: Callable[[], None], *, urgency: int = 3, distance: float = 0.0

@@ -189,3 +189,22 @@ def test_an_entry_weighs_no_more_than_it_is_charged():
         assert 0.25 * cache.bytes < after - before < cache.bytes
 
     asyncio.run(scenario())
+
+
+def test_what_was_used_since_has_a_second_chance_and_the_rest_goes_oldest_first():
+    async def scenario():
+        cache, build = ChunkCache(room_for(3)), Oven().build
+        for key in "abc":
+            await cache.get_or_build(key, build)
+        kept = cache.look_up("a")
+        assert kept is not None
+        assert cache.use(kept) is kept.chunk
+        await cache.get_or_build("d", build)
+        assert [cache.look_up(key) is not None for key in "abcd"] == [True, False, True, True]
+        await cache.get_or_build("e", build)
+        assert [cache.look_up(key) is not None for key in "acde"] == [True, False, True, True]
+        await cache.get_or_build("f", build)
+        assert (cache.look_up("a"), cache.use(kept)) == (None, None)
+        assert (cache.entries, cache.evicted, cache.hits) == (3, 3, 1)
+
+    asyncio.run(scenario())

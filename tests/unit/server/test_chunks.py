@@ -173,7 +173,7 @@ def test_a_coding_is_a_variant_of_its_own(client, pool, coding):
         assert int(answer.headers["content-length"]) == len(pool.chunk.body)
         assert answer.headers["etag"] != plain["etag"]
     assert [request.encoding.coding for request in pool.built] == ["identity", coding]
-    assert client.get(f"{URL}.glb").headers == plain
+    assert client.get(f"{URL}.glb").headers["etag"] == plain["etag"]
     assert "content-encoding" not in plain
     known = client.get(f"{URL}.glb", headers={"Accept-Encoding": coding, "If-None-Match": answer.headers["etag"]})
     assert (known.status_code, "content-encoding" in known.headers) == (304, False)

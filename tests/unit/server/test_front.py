@@ -2,7 +2,7 @@ import asyncio
 import itertools
 import tracemalloc
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -13,6 +13,7 @@ from chunkserver.pipeline import Chunk, ChunkRequest, generator
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server import Settings, create_app
 from chunkserver.server.answers import ENTRY_BYTES, KEY_BYTES_MAX, PLANS_MAX, Answers, asked
+from chunkserver.server.cache import ENTRY_BYTES as ENTRY_BYTES_OF_CHUNK
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.cors import Cors
 from chunkserver.server.plan import Plan
@@ -66,7 +67,7 @@ class Service:
         self.shared = self.app.state.service
         self.passed = 0
         self.front = self.app.front
-        self.plain = self.front._app._app  # within the log of requests, which gives each another id
+        self.plain = cast("Any", self.front._app)._app  # within the log of requests, which gives each another id
         self.front._app = self._pass
 
     async def __aenter__(self):
@@ -181,7 +182,7 @@ def test_a_body_that_is_gone_is_built_again_and_a_304_does_not_need_it():
         path = f"{SEED}/0/0"
         first = await service.get(path)
         await service.get(path, condition=["*"])
-        service.shared.cache._kept.clear()
+        service.shared.cache._drop_oldest()
         assert (await service.get(path, condition=["*"]))[0] == 304
         assert await service.get(path) == first
         assert (service.passed, len(service.shared.pool.built)) == (1, 2)
@@ -192,12 +193,16 @@ def test_a_body_that_is_gone_is_built_again_and_a_304_does_not_need_it():
 def test_a_hit_keeps_its_body_in_the_cache():
     async def scenario(service):
         cache = service.shared.cache
-        for y in "0123":
+        cache.bytes_max = 4 * (ENTRY_BYTES_OF_CHUNK + 7)
+        for y in "1234":
             await service.get(f"{SEED}/{y}/0")
-        oldest = next(iter(cache._kept))
-        await service.get(f"{SEED}/0/0")
-        assert service.passed == 1
-        assert oldest == next(reversed(cache._kept))
+        await service.get(f"{SEED}/1/0")
+        await service.get(f"{SEED}/5/0")
+        assert len(service.shared.pool.built) == 5
+        await service.get(f"{SEED}/1/0")
+        assert (service.passed, len(service.shared.pool.built)) == (1, 5)
+        await service.get(f"{SEED}/2/0")
+        assert len(service.shared.pool.built) == 6
 
     in_service(scenario)
 
@@ -247,6 +252,22 @@ def test_chunks_beside_one_that_was_answered_do_not_get_behind_the_front():
                         assert answer == await service.ask(service.plain, *asked)
                 for wrong in ("21/0/0/0", f"0/{1 << 35}/0/0", "0/00/0/0", "0/+1/0/0", "0/0/0", "0/0/0/0/0"):
                     assert (await service.get(f"{place}/{wrong}{tail}", accept=[GLB]))[0] in (404, 422)
+
+    in_service(scenario)
+
+
+def test_a_full_queue_refuses_what_is_not_at_hand():
+    async def scenario(service):
+        for y in "01":
+            await service.get(f"{SEED}/{y}/0")
+        service.shared.pool.full = True
+        for _ in range(2):
+            answer = await service.get(f"{SEED}/2/0")
+            assert (answer[0], dict(answer[1])[b"retry-after"]) == (503, b"1")
+            assert b"urn:chunkserver:problem:overloaded" in answer[2]
+        assert (await service.get(f"{SEED}/1/0"))[0] == 204
+        assert (await service.get(f"{SEED}/3/0", condition=["*"]))[0] == 304
+        assert (service.passed, len(service.shared.pool.built), service.front.refused) == (1, 2, 2)
 
     in_service(scenario)
 
