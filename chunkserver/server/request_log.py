@@ -15,6 +15,7 @@ from typing import Final
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from chunkserver.server.access import KEY_NAME
 from chunkserver.server.chunks import CLIENT_LEFT
 from chunkserver.server.log_format import FIELDS, request_id
 from chunkserver.server.problems import REQUEST_ID
@@ -102,6 +103,8 @@ class RequestLog:
         if not self._is_told(status):
             return
         fields = {"status": status, "ms": round(seconds * 1000, 3), "bytes": 0 if method == "HEAD" else length}
+        if KEY_NAME in scope:
+            fields["key"] = scope[KEY_NAME]
         if self._left_out:
             fields["left_out"] = self._left_out
             self._left_out = 0

@@ -12,6 +12,7 @@ from fastapi.testclient import TestClient
 
 from chunkserver.errors import BadParameter
 from chunkserver.server import problems
+from chunkserver.server.access import KEY_NAME
 from chunkserver.server.chunks import CLIENT_LEFT
 from chunkserver.server.log_format import FIELDS, JsonFormat, request_id
 from chunkserver.server.problems import INSTANCE_PREFIX
@@ -164,6 +165,18 @@ def test_a_line_says_what_was_asked_and_answered(counts, caplog):
     assert (fields["status"], fields["bytes"]) == (422, len(answer.content))
     assert 0 < fields["ms"] < 10_000
     assert fields.keys() == {"status", "bytes", "ms"}
+
+
+def test_a_line_says_whose_key_it_was(counts, caplog):
+    async def answer(*asked: Any) -> Any:
+        await asked[2]({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def ignore(_message):
+        pass
+
+    scope = {**scope_of(b"a"), KEY_NAME: "game"}
+    asyncio.run(RequestLog(answer, counts, "all")(scope, answer, ignore))
+    assert getattr(lines(caplog)[0], FIELDS)["key"] == "game"
 
 
 @pytest.mark.parametrize(
