@@ -33,24 +33,24 @@ _COORDINATE: Final = "(0|-?[1-9][0-9]{0,18})"
 _PLACE: Final = re.compile(rf"(.+/chunks)/{'/'.join([_COORDINATE] * 4)}((?:\.[a-z]+)?)", re.ASCII | re.DOTALL)
 """A chunk's path: what stands before its coordinates, these in their one spelling, and the extension."""
 
-_Rest = tuple[bytes, bytes | None, bytes | None, bytes | None]
+_Key = tuple[str, bytes, bytes | None, bytes | None, bytes | None]
 
 
 class Asked(NamedTuple):
     """All of a GET or HEAD that can change its answer.
 
-    rest: query, `Accept`, `Accept-Encoding` and `Origin`. One more field that the application reads has to be added.
+    key: path, query, `Accept`, `Accept-Encoding`, `Origin`. One more field that the application reads has to be added,
+    here and in `Answers.find`.
     known: its `If-None-Match`.
     """
 
-    path: str
-    rest: _Rest
+    key: _Key
     known: bytes | None
 
     @property
     def origin(self) -> bytes | None:
         """The site of the page that asks, if a page does."""
-        return self.rest[-1]
+        return self.key[-1]
 
     def knows(self, tag: str) -> bool:
         """Return whether the client has the bytes named `tag`."""
@@ -63,8 +63,8 @@ def asked(scope: Scope) -> Asked | None:
     if len(fields) != len(scope["headers"]):
         return None
     get = fields.get
-    rest = (scope["query_string"], get(b"accept"), get(b"accept-encoding"), get(b"origin"))
-    return Asked(scope["path"], rest, get(b"if-none-match"))
+    key = (scope["path"], scope["query_string"], get(b"accept"), get(b"accept-encoding"), get(b"origin"))
+    return Asked(key, get(b"if-none-match"))
 
 
 @dataclass(slots=True)
@@ -98,26 +98,30 @@ class Answers:
         self.not_modified = 0
         self._cache = cache
         self._cors = cors
-        self._kept: OrderedDict[tuple[str, _Rest], _Entry] = OrderedDict()
-        self._plans: OrderedDict[tuple[str, str, _Rest], Plan] = OrderedDict()
+        self._kept: OrderedDict[_Key, _Entry] = OrderedDict()
+        self._plans: OrderedDict[tuple[str | bytes | None, ...], Plan] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._kept)
 
-    def find(self, wanted: Asked) -> tuple[Message, bytes] | None:
-        """Return the head and the body that the application would answer; None if they are not known here any more.
+    def find(self, scope: Scope) -> tuple[Message, bytes] | None:
+        """Return the head and the body that the application would answer to this GET or HEAD, if they are known here.
 
-        A body counts as a hit of the cache, and as used.
+        A body counts as a hit of the cache, and as used. This is what most requests cost: it is written for that.
         """
-        path, rest, known = wanted
-        entry = self._kept.get((path, rest))
-        if entry is None or not entry.plan.holds():
+        fields = dict(scope["headers"])
+        get = fields.get
+        entry = self._kept.get(
+            (scope["path"], scope["query_string"], get(b"accept"), get(b"accept-encoding"), get(b"origin"))
+        )
+        if entry is None or len(fields) != len(scope["headers"]) or not entry.plan.holds():
             return None
         entry.used = True
-        if known is not None and (known == entry.quoted or wanted.knows(entry.tag)):
+        known = get(b"if-none-match")
+        if known is not None and (known == entry.quoted or is_known((known.decode("latin-1"),), entry.tag)):
             self.not_modified += 1
             if entry.not_modified is None:
-                entry.not_modified = self.start(wanted, entry.plan.not_modified(entry.tag))
+                entry.not_modified = self.start(get(b"origin"), entry.plan.not_modified(entry.tag))
             return entry.not_modified, b""
         chunk = entry.kept and self._cache.use(entry.kept)
         if not chunk:
@@ -130,10 +134,10 @@ class Answers:
 
     def plan(self, wanted: Asked) -> tuple[Plan, ChunkKey] | None:
         """Return how the application would answer, and the chunk; None if no such request was answered before."""
-        place = _PLACE.fullmatch(wanted.path)
+        place = _PLACE.fullmatch(wanted.key[0])
         if place is None:
             return None
-        kind = place[1], place[6], wanted.rest
+        kind = place[1], place[6], *wanted.key[1:]
         plan = self._plans.get(kind)
         if plan is None or not plan.holds():
             return None
@@ -142,44 +146,43 @@ class Answers:
 
     def learn(self, wanted: Asked, plan: Plan) -> None:
         """Answer by `plan` what differs from a request that was found good in its coordinates alone."""
-        place = _PLACE.fullmatch(wanted.path)
-        if place is None or _bytes(wanted) > KEY_BYTES_MAX:
+        place = _PLACE.fullmatch(wanted.key[0])
+        if place is None or _bytes(wanted.key) > KEY_BYTES_MAX:
             return
-        self._plans[place[1], place[6], wanted.rest] = plan
+        self._plans[place[1], place[6], *wanted.key[1:]] = plan
         if len(self._plans) > PLANS_MAX:
             self._plans.popitem(last=False)
 
     def keep(self, wanted: Asked, plan: Plan, tag: str, reply: Reply) -> None:
         """Keep the head of `reply`, made by `plan`, whose body is in the cache under `tag`, as long as that holds."""
-        weight = _bytes(wanted)
+        weight = _bytes(wanted.key)
         if weight > KEY_BYTES_MAX or not plan.holds():
             return
-        key = wanted.path, wanted.rest
-        entry = self._kept.get(key)
+        entry = self._kept.get(wanted.key)
         if entry is None:
             self._make_room(weight + ENTRY_BYTES)
         if entry is None or entry.plan is not plan:
-            entry = self._kept[key] = _Entry(plan, tag, b'"%b"' % tag.encode())
+            entry = self._kept[wanted.key] = _Entry(plan, tag, b'"%b"' % tag.encode())
         if reply.status != HTTPStatus.NOT_MODIFIED:
-            entry.found, entry.has_body = self.start(wanted, reply), reply.status == HTTPStatus.OK
+            entry.found, entry.has_body = self.start(wanted.origin, reply), reply.status == HTTPStatus.OK
 
     def _make_room(self, weight: int) -> None:
         """Drop the oldest; what was used since it was the oldest last time has a second chance."""
         self.bytes += weight
         while self.bytes > self.bytes_max and self._kept:
-            (path, rest), entry = self._kept.popitem(last=False)
+            key, entry = self._kept.popitem(last=False)
             if entry.used:
                 entry.used = False
-                self._kept[path, rest] = entry
+                self._kept[key] = entry
             else:
-                self.bytes -= _bytes(Asked(path, rest, None)) + ENTRY_BYTES
+                self.bytes -= _bytes(key) + ENTRY_BYTES
 
-    def start(self, wanted: Asked, reply: Reply) -> Message:
-        """Return the ASGI message that begins `reply`."""
-        headers = (*reply.headers, *self._cors.headers(wanted.origin))
+    def start(self, origin: bytes | None, reply: Reply) -> Message:
+        """Return the ASGI message that begins `reply` to a page of `origin`, or to a client that is no page."""
+        headers = (*reply.headers, *self._cors.headers(origin))
         return {"type": "http.response.start", "status": int(reply.status), "headers": headers}
 
 
-def _bytes(wanted: Asked) -> int:
-    """Return what the key weighs: four bytes a character at most, and the object of each part."""
-    return 64 * 6 + 4 * len(wanted.path) + sum(len(part) for part in wanted.rest if part is not None)
+def _bytes(key: _Key) -> int:
+    """Return what a key weighs: four bytes a character at most, and the object of each part."""
+    return 64 * len(key) + 4 * len(key[0]) + sum(len(part) for part in key[1:] if part is not None)

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from chunkserver.errors import BadKey, ChunkError, Overloaded
 from chunkserver.server.accept import urgency
-from chunkserver.server.answers import Asked, asked
+from chunkserver.server.answers import asked
 from chunkserver.server.chunks import reply
 from chunkserver.server.plan import Reply
 from chunkserver.server.problems import answer as problem
@@ -44,18 +44,19 @@ class Front:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, or let the application do it."""
-        if scope["type"] == "http" and scope["method"] in METHODS and (wanted := asked(scope)) is not None:
-            known = self._answers.find(wanted) or await self._planned(wanted, scope, receive)
+        if scope["type"] == "http" and scope["method"] in METHODS:
+            known = self._answers.find(scope) or await self._planned(scope, receive)
             if known is not None:
                 await send(known[0])
                 await send({"type": "http.response.body", "body": known[1]})
                 return
         await self._app(scope, receive, send)
 
-    async def _planned(self, wanted: Asked, scope: Scope, receive: Receive) -> tuple[Message, bytes] | None:
+    async def _planned(self, scope: Scope, receive: Receive) -> tuple[Message, bytes] | None:
         """Return the answer to a request of a known kind. What a plan cannot answer, the application refuses."""
-        found = self._answers.plan(wanted)
-        if found is None:
+        wanted = asked(scope)
+        found = wanted and self._answers.plan(wanted)
+        if not (wanted and found):
             return None
         plan, key = found
         try:
@@ -77,7 +78,7 @@ class Front:
             made = await _refusal(scope, error)
         else:
             self._answers.keep(wanted, plan, tag, made)
-        return self._answers.start(wanted, made), made.body
+        return self._answers.start(wanted.origin, made), made.body
 
 
 async def _refusal(scope: Scope, error: ChunkError) -> Reply:

@@ -16,6 +16,7 @@ from chunkserver.server.answers import ENTRY_BYTES, KEY_BYTES_MAX, PLANS_MAX, An
 from chunkserver.server.cache import ENTRY_BYTES as ENTRY_BYTES_OF_CHUNK
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.cors import Cors
+from chunkserver.server.front import Front
 from chunkserver.server.plan import Plan
 from chunkserver.wire import Encoding
 from tests.unit.server.stub import StubPool
@@ -66,7 +67,7 @@ class Service:
         self.app = create_app(Settings(workers=1), Terrain())
         self.shared = self.app.state.service
         self.passed = 0
-        self.front = self.app.front
+        self.front = cast("Front", self.app.front)
         self.plain = cast("Any", self.front._app)._app  # within the log of requests, which gives each another id
         self.front._app = self._pass
 
