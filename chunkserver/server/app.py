@@ -7,16 +7,20 @@ from operator import attrgetter
 from typing import Final
 
 from fastapi import FastAPI
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Send
+from starlette.types import Scope as Asked
 
 from chunkserver import __version__
 from chunkserver.catalogue import Catalogue
-from chunkserver.server import batch, health, landing, openapi, problems, recipes, seeds, world_chunks, worlds
+from chunkserver.server import batch, health, landing, metrics, openapi, problems, recipes, seeds, world_chunks, worlds
+from chunkserver.server.access import Access
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.connections import Connections
 from chunkserver.server.cors import Cors, CorsLayer
+from chunkserver.server.disk import DiskCache
 from chunkserver.server.front import Front
+from chunkserver.server.keys import Keyring, Scope
 from chunkserver.server.pool import Pool
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.request_log import RequestLog
@@ -32,13 +36,13 @@ _log: Final = logging.getLogger(__name__)
 class Application(FastAPI):
     """FastAPI behind layers that answer most requests without it."""
 
-    front: Front
+    front: ASGIApp
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Asked, receive: Receive, send: Send) -> None:
         """Answer one request."""
         await self.front(scope, receive, send)
 
-    async def routed(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def routed(self, scope: Asked, receive: Receive, send: Send) -> None:
         """Answer one request by its route."""
         await super().__call__(scope, receive, send)
 
@@ -58,7 +62,8 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         generate_unique_id_function=attrgetter("name"),
         lifespan=_lifespan,
     )
-    cache = ChunkCache(settings.cache_bytes)
+    disk = DiskCache(settings.disk_cache, settings.disk_cache_bytes) if settings.disk_cache else None
+    cache = ChunkCache(settings.cache_bytes, disk)
     cors = Cors(settings.cors_origins)
     app.state.service = Service(
         pool or Pool(settings.workers, settings.pool_limits),
@@ -68,12 +73,17 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         WorldStore(Catalogue(settings.data), settings.answer_seconds),
         Connections(settings.connection_limits),
     )
-    for room in (landing, health, recipes, worlds, world_chunks, seeds, batch):
+    for room in (landing, health, metrics, recipes, worlds, world_chunks, seeds, batch):
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)
     logged = RequestLog(CorsLayer(app.routed, cors), app.state.service.requests, settings.log_requests)
     app.front = Front(logged, app.state.service)
+    if settings.api_keys:
+        anonymous = Scope.READ if settings.anonymous_read else None
+        access = Access(app.front, Keyring(settings.api_keys), anonymous, cors)
+        access.describe(app.openapi())
+        app.front = access
     return app
 
 
@@ -87,4 +97,5 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         yield
     finally:
         await service.pool.close()
+        await service.cache.close()
         await service.worlds.close()
