@@ -108,9 +108,8 @@ class Warmth(NamedTuple):
 def pack(value: object, bytes_max: int) -> bytes:
     """Return the frame of `value`. Raises `WireError` if it has more than `bytes_max` bytes."""
     pickled = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    frame = HEADER.pack(len(pickled)) + pickled
-    frame_bytes(frame, bytes_max)
-    return frame
+    _check_length(len(pickled), bytes_max)
+    return HEADER.pack(len(pickled)) + pickled
 
 
 def frame_bytes(frame: bytes, bytes_max: int) -> int:
@@ -120,10 +119,14 @@ def frame_bytes(frame: bytes, bytes_max: int) -> int:
     """
     if len(frame) < HEADER.size:
         raise WireError(f"a frame's header ends after {len(frame)} bytes", bytes=len(frame))
-    (length,) = HEADER.unpack_from(frame)
+    length: int = HEADER.unpack_from(frame)[0]
+    _check_length(length, bytes_max)
+    return length
+
+
+def _check_length(length: int, bytes_max: int) -> None:
     if length > bytes_max:
         raise WireError(f"a frame has {length} bytes; the limit is {bytes_max}", bytes=length, bytes_max=bytes_max)
-    return int(length)
 
 
 def slot_memory() -> int:

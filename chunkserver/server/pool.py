@@ -132,7 +132,8 @@ class Pool:
             self.tally.refused += 1
             waiting = len(self._waiting)
             refused.settle(Overloaded(f"{waiting} requests are waiting for a worker", waiting=waiting))
-        self._give_out()
+        if self._idle:
+            self._give_out()
         try:
             return await job.answer
         except asyncio.CancelledError:

@@ -32,12 +32,12 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Final, cast
 
-from chunkserver.errors import DeadlinePassed, Unavailable, WireError
+from chunkserver.errors import ChunkError, DeadlinePassed, Unavailable, WireError
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.pipeline import Chunk
 from chunkserver.server.job import Job
 from chunkserver.server.tally import BUILD, Tally
-from chunkserver.worker import FRAME_BYTES_MAX, HEADER, Answer, Built, Slot, Warmth, frame_bytes, slot_memory
+from chunkserver.worker import FRAME_BYTES_MAX, HEADER, Built, Slot, Warmth, frame_bytes, slot_memory
 
 FORK_SERVER: Final = (sys.executable, "-P", "-m", "chunkserver.worker")
 """-P: what lies in the working directory is not imported."""
@@ -64,23 +64,19 @@ class _Pipe(asyncio.Protocol):
         self._transport = cast("asyncio.Transport", transport)
 
     def data_received(self, data: bytes) -> None:
-        received = self._received + data if self._received else data
+        self._received = received = self._received + data if self._received else data
+        if len(received) < HEADER.size:
+            return
         try:
-            missing = HEADER.size - len(received)
-            if missing <= 0:
-                missing += frame_bytes(received, FRAME_BYTES_MAX)
+            missing = HEADER.size + frame_bytes(received, FRAME_BYTES_MAX) - len(received)
             if missing < 0:
                 raise WireError(f"{-missing} bytes follow a frame", bytes=-missing)
-            self._received = received if missing else b""
-            if not missing:
+            if missing == 0:
+                self._received = b""
                 self.arrived(pickle.loads(received[HEADER.size :]))
         except WireError as error:
             _log.error("a pipe is out of step: %s", error)
             self.abort()
-
-    def write(self, frame: bytes) -> None:
-        assert self._transport is not None
-        self._transport.write(frame)
 
     def abort(self) -> None:
         """Close at once; `connection_lost` follows when the loop comes round."""
@@ -106,6 +102,7 @@ class Worker(_Pipe):
         self.pid = 0
         self.job: Job | None = None
         self.slot: Slot
+        self.pipe: socket.socket
         self.started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.grown_bytes = 0
         self._state = _State.STARTING
@@ -116,8 +113,18 @@ class Worker(_Pipe):
 
     def give(self, job: Job, now: float) -> None:
         """Send `job` to this idle worker. Raises `WireError`, and stays idle, if the request is too large."""
-        self.write(job.frame())
+        self._send(job.frame())
         self._state, self.job, self._given = _State.BUSY, job, now
+
+    def _send(self, frame: bytes) -> None:
+        """Send at once what goes: the transport would wait until the loop comes round, and the worker with it."""
+        assert self._transport is not None
+        try:
+            sent = self.pipe.send(frame)
+        except OSError:  # it is full, or at its end, which the transport sees too
+            sent = 0
+        if sent < len(frame):
+            self._transport.write(frame[sent:])
 
     def busy_seconds(self, now: float) -> float:
         """Return for how long it has had its job; 0 if it has none."""
@@ -141,26 +148,35 @@ class Worker(_Pipe):
             self.pid = value
             if not self.started.done():
                 self.started.set_result(None)
+            self._be_idle()
         elif self.job is None:
             raise WireError("a worker answers what nobody has asked", pid=self.pid)
+        elif isinstance(value, tuple):
+            self._built(self.job, Built(*value))
         else:
-            self._settle(self.job, Built(*value) if isinstance(value, tuple) else value)
+            self._failed(self.job, value)
+
+    def _be_idle(self) -> None:
         self._state, self.job = _State.IDLE, None
         self._idle(self)
 
-    def _settle(self, job: Job, answer: Answer) -> None:
-        tally = self._tally
-        if isinstance(answer, Built):
-            self.grown_bytes = answer.grown_bytes
-            job.settle(Chunk(answer.content, self.slot.take(answer.length)))
-            tally.done += 1
-            tally.seconds[BUILD].observe(time.monotonic() - self._given)
-            for stage, seconds in answer.seconds.items():
-                tally.seconds[stage].observe(seconds)
-        else:
-            settled = job.settle(job.fault(answer) if isinstance(answer, str) else answer)
-            tally.failed += 1
-            tally.expired += settled and isinstance(answer, DeadlinePassed)
+    def _built(self, job: Job, built: Built) -> None:
+        """Take the chunk, get the worker to its next job, and only then do all that it need not wait for."""
+        seconds = self._tally.seconds
+        seconds[BUILD].observe(time.monotonic() - self._given)
+        chunk = Chunk(built.content, self.slot.take(built.length))
+        self.grown_bytes = built.grown_bytes
+        self._be_idle()
+        self._tally.done += 1
+        job.settle(chunk)
+        for stage, value in built.seconds.items():
+            seconds[stage].observe(value)
+
+    def _failed(self, job: Job, answer: ChunkError | str) -> None:
+        self._tally.failed += 1
+        settled = job.settle(job.fault(answer) if isinstance(answer, str) else answer)
+        self._tally.expired += settled and isinstance(answer, DeadlinePassed)
+        self._be_idle()
 
     def connection_lost(self, _error: Exception | None) -> None:
         """Be lost."""
@@ -205,6 +221,7 @@ class ForkServer(_Pipe):
         try:
             worker.slot = Slot(memory)
             ours, theirs = socket.socketpair()
+            worker.pipe = ours
             with theirs:
                 self._ask_for_fork(ours, theirs.fileno(), memory)
         finally:
