@@ -32,7 +32,8 @@ MARK: Final = "MARK_OF_A_TEST"
 """Set for the server and so for all its children: what is left of them is found by it."""
 
 _LISTENS: Final = re.compile(r" on (http://\S+);")
-_TIME: Final = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z"
+_TIME: Final = r"""(?:{"time": ")?\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z(?:", "level": "| )"""
+"""Of a line of text, and of one of JSON."""
 
 _Value = TypeVar("_Value")
 
@@ -75,7 +76,7 @@ def serving(
         yield server
         code = server.stop() if child.poll() is None else child.returncode
         assert code == 0, f"the server ended with exit code {code}"
-        clean = re.compile(rf"{_TIME} (INFO |{expected})")
+        clean = re.compile(rf"{_TIME}(INFO\b|{expected})")
         unclean = [line for line in log.read_text().splitlines() if not clean.match(line)]
         assert not unclean, f"{len(unclean)} lines of the log are not clean"
         until(lambda: not processes_of(mark), STOP_SECONDS_MAX, "no process of the server is left")

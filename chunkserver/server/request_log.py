@@ -24,6 +24,8 @@ from chunkserver.server.request_counts import OTHER, RequestCounts
 HEADER: Final = b"x-request-id"
 ID_PATTERN: Final = "^[!-~]{1,128}$"
 """Visible ASCII. What a client sends that is anything else is replaced."""
+PROBED: Final = "/readyz"
+"""Asked all the time; that a server is not ready yet is an answer, and no failure."""
 LINES_PER_SECOND_MAX: Final = 10
 """Of requests that failed, over a longer time: anybody can fail. Those that are our fault have as many of their own."""
 LINES_AT_ONCE_MAX: Final = 100
@@ -53,7 +55,7 @@ class Allowance:
 class RequestLog:
     """ASGI: gives each request an id, counts it in `counts`, and logs it.
 
-    which: "none", "problems" (answers of 400 and above, at a bounded rate), or "all".
+    which: "none", "problems" (answers of 400 and above, at a bounded rate, but not that it is not ready), or "all".
     """
 
     def __init__(self, app: ASGIApp, counts: RequestCounts, which: str) -> None:
@@ -100,7 +102,7 @@ class RequestLog:
     def _account(self, scope: Scope, status: int, length: int, seconds: float) -> None:
         method = scope["method"]
         self._counts.count(getattr(scope.get("route"), "path", OTHER), method, status, seconds)
-        if not self._is_told(status):
+        if not self._is_told(status, scope["path"]):
             return
         fields = {"status": status, "ms": round(seconds * 1000, 3), "bytes": 0 if method == "HEAD" else length}
         if KEY_NAME in scope:
@@ -112,11 +114,11 @@ class RequestLog:
         url = scope.get("raw_path", scope["path"].encode()).decode("latin-1") + (f"?{query}" if query else "")
         _log.info("%s %s", method, url, extra={FIELDS: fields})
 
-    def _is_told(self, status: int) -> bool:
+    def _is_told(self, status: int, path: str) -> bool:
         """Whether this answer is logged. One that is not, because there were too many, is counted."""
         if self._which == "all":
             return True
-        if self._which == "none" or status < HTTPStatus.BAD_REQUEST or status == CLIENT_LEFT:
+        if self._which == "none" or status < HTTPStatus.BAD_REQUEST or status == CLIENT_LEFT or path == PROBED:
             return False
         is_ours = status >= HTTPStatus.INTERNAL_SERVER_ERROR
         if (self._ours if is_ours else self._theirs).take():

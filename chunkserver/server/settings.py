@@ -14,6 +14,7 @@ from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource
 
 from chunkserver.server.connections import LIMITS_DEFAULT as CONNECTIONS
 from chunkserver.server.connections import ConnectionLimits
+from chunkserver.server.disk import DISK_BYTES_MIN
 from chunkserver.server.keys import KEYS_MAX, ApiKey, Keyring, parse_key
 from chunkserver.server.pool import LIMITS_DEFAULT as POOL
 from chunkserver.server.pool import Limits
@@ -27,7 +28,6 @@ CACHE_BYTES_DEFAULT: Final = 256 << 20
 """Room for about 4,000 chunks of 60 KB."""
 CACHE_BYTES_MAX: Final = 1 << 40
 DISK_CACHE_BYTES_DEFAULT: Final = 4 << 30
-DISK_CACHE_BYTES_MIN: Final = 1 << 20
 DISK_CACHE_BYTES_MAX: Final = 1 << 44
 JOBS_WAITING_MAX: Final = 100_000
 SECONDS_MIN: Final = 0.1
@@ -117,7 +117,7 @@ class Settings(BaseSettings):
     )
     disk_cache_bytes: ByteSize = Field(
         ByteSize(DISK_CACHE_BYTES_DEFAULT),
-        ge=DISK_CACHE_BYTES_MIN,
+        ge=DISK_BYTES_MIN,
         le=DISK_CACHE_BYTES_MAX,
         description="Bound on the size of the cache on disk.",
     )
@@ -161,10 +161,13 @@ class Settings(BaseSettings):
     cors_origins: _Origins = Field(
         ("*",), description="Sites whose pages may use this server; * lets the pages of any site read."
     )
-    log_format: Literal["text", "json"] = Field("text", description="How a line of the log is written.")
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="The least that is logged.")
+    log_format: Literal["text", "json"] = Field("text", description="How a line of the log is written: text or json.")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="The least that is logged: debug, info, warning or error."
+    )
     log_requests: Literal["none", "problems", "all"] = Field(
-        "problems", description="Requests that are logged: none, those that failed (at a bounded rate), or all."
+        "problems",
+        description="Requests that are logged: none; problems, those that failed, at a bounded rate; or all.",
     )
 
     @model_validator(mode="after")

@@ -8,13 +8,18 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import yaml
 from typer.main import get_command
 
 from chunkserver.__main__ import app
+from chunkserver.errors import BadSetting
+from chunkserver.server import mint
 from chunkserver.server.run import GRACE_SECONDS
+from chunkserver.server.settings import PREFIX
+from chunkserver.server.sources import choose
 
 DOCKER = Path(__file__).parents[2] / "docker"
 DOCKERFILE = DOCKER / "Dockerfile"
@@ -32,8 +37,21 @@ def last(name: str) -> str:
     return [arguments for instruction, arguments in instructions() if instruction == name][-1]
 
 
-def service():
-    return yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]["chunkserver"]
+def compose(name="compose.yaml"):
+    return yaml.safe_load((DOCKER / name).read_text())
+
+
+def service(name="compose.yaml"):
+    return compose(name)["services"]["chunkserver"]
+
+
+def settings_of(*composed):
+    """The settings of a container: what the image and the compose files say, the later ones last."""
+    image = dict(word.split("=", 1) for name, line in instructions() if name == "ENV" for word in line.split())
+    variables = image | {name: value for each in composed for name, value in each["environment"].items()}
+    ours = {name: value for name, value in variables.items() if name.startswith(PREFIX)}
+    with mock.patch.dict(os.environ, ours):
+        return choose({})[0]
 
 
 def test_hadolint_has_nothing_to_say():
@@ -103,6 +121,31 @@ def test_compose_lets_requests_in_flight_finish():
 def test_the_workers_fit_the_limits_of_compose():
     workers = int(service()["environment"]["CHUNKSERVER_WORKERS"])
     assert 1 <= workers <= service()["pids_limit"] // 8, "each is a process, and the others have threads"
+
+
+def test_compose_knows_the_settings_and_what_may_go_without_keys():
+    alone = settings_of(service())
+    assert alone.insecure
+    assert all(port.startswith("127.0.0.1:") for port in service()["ports"])
+    assert str(alone.data) == "/var/lib/chunkserver"
+
+
+def test_with_keys_nothing_is_insecure(tmp_path, monkeypatch):
+    composed = service("compose.keys.yaml")
+    (secret,) = composed["secrets"]
+    assert Path(composed["environment"]["CHUNKSERVER_CONFIG"]) == Path("/run/secrets") / secret
+    assert compose("compose.keys.yaml")["secrets"][secret] == {"file": secret}
+    (tmp_path / secret).write_text(f'api_keys = ["{mint("game", "edit")[1]}"]')
+    composed["environment"]["CHUNKSERVER_CONFIG"] = str(tmp_path / secret)
+    chosen = settings_of(service(), composed)
+    assert len(chosen.api_keys) == 1
+    assert chosen.anonymous_read
+    assert not chosen.insecure
+    ignored = (DOCKER.parent / ".gitignore").read_text().splitlines()
+    assert f"/docker/{secret}" in ignored
+    monkeypatch.setitem(os.environ, "CHUNKSERVER_TYPO", "1")
+    with pytest.raises(BadSetting):
+        settings_of(service())
 
 
 def test_compose_gives_no_privileges():

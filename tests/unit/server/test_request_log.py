@@ -191,6 +191,13 @@ def test_which_requests_are_logged(counts, caplog, which, told):
     assert sum(counts.answered.values()) == 7
 
 
+@pytest.mark.parametrize(("which", "told"), [("problems", 0), ("all", 1)])
+def test_to_be_asked_and_not_ready_is_no_failure(counts, caplog, which, told):
+    client_of(counts, which).get("/readyz")
+    assert len(lines(caplog)) == told
+    assert counts.answered == {("other", "GET", 404): 1}
+
+
 @pytest.fixture
 def clock(monkeypatch):
     """The seconds that the allowances see; the test moves them."""
