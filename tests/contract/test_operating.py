@@ -49,7 +49,7 @@ def rows(heading):
     """The cells of the first table behind a heading, without its two rows of head."""
     section = PAGE.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     table = re.findall(r"^\|(.*)\|$", section, re.MULTILINE)[2:]
-    return [[cell.strip() for cell in row.split(" | ")] for row in table]
+    return [[cell.strip() for cell in row.split("|")] for row in table]
 
 
 def lines(first_word):
@@ -126,9 +126,8 @@ def commands_of(command, name="chunkserver"):
     """Each command of the command line, by the words that call it."""
     if not hasattr(command, "commands"):
         return {name: command}
-    return {
-        words: one for inner, c in command.commands.items() for words, one in commands_of(c, f"{name} {inner}").items()
-    }
+    below = (commands_of(inner, f"{name} {word}") for word, inner in command.commands.items())
+    return {words: one for found in below for words, one in found.items()}
 
 
 def test_every_option_and_command():
@@ -225,7 +224,7 @@ def folder(tmp_path):
 
 
 def typed(line, folder, cwd):
-    """Return what a line of shell says, typed in `cwd`; the command line of ours runs in this process: that is faster."""
+    """Return what a line of shell says, typed in `cwd`; our own command line runs in this process: that is faster."""
     program, *words = shlex.split(line.replace(DATA, str(folder)))
     if program == "chunkserver":
         ended = CliRunner().invoke(app, words)
