@@ -31,6 +31,9 @@ class WaitingPool:
     async def close(self) -> None:
         logging.getLogger("tests").info("closed")
 
+    def refuses(self, _urgency: int, _lod: int) -> bool:
+        return False
+
     async def build(self, request: ChunkRequest, begun: Callable[[], None], **_rank: float) -> Chunk:
         begun()
         if request.recipe.seed == -1:
