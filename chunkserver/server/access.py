@@ -215,14 +215,14 @@ _PARAMETER: Final = re.compile(re.escape(re.escape("{")) + "[a-z]+" + re.escape(
 def _privately(send: Send) -> Send:
     async def send_privately(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message = {**message, "headers": [_private(*field) for field in message["headers"]]}
+            headers = [
+                (name, value.replace(b"public", b"private")) if name == b"cache-control" else (name, value)
+                for name, value in message["headers"]
+            ]
+            message = {**message, "headers": headers}
         await send(message)
 
     return send_privately
-
-
-def _private(name: bytes, value: bytes) -> tuple[bytes, bytes]:
-    return (name, value.replace(b"public", b"private")) if name == b"cache-control" else (name, value)
 
 
 def _addresses(host: str) -> list[str]:

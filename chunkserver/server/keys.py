@@ -27,6 +27,8 @@ class Scope(StrEnum):
     EDIT = "edit"
     ADMIN = "admin"
 
+    __hash__ = str.__hash__  # the enum's own is a Python function, and is called several times a request
+
     def covers(self, needed: "Scope") -> bool:
         """Return whether this is enough where `needed` is needed."""
         return _LEVELS[self] >= _LEVELS[needed]
