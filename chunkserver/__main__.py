@@ -3,16 +3,20 @@
 import json
 import sys
 from collections.abc import Mapping
-from typing import Annotated, Literal, NoReturn
+from typing import Annotated, Final, Literal, NoReturn
 
 import typer
 
 from chunkserver import __version__
 from chunkserver.catalogue import migrate
-from chunkserver.errors import ChunkError, StoreError
+from chunkserver.errors import BadSetting, ChunkError
 from chunkserver.pipeline import generator
 from chunkserver.server import Settings, create_app, listen, mint, serve, with_settings
 from chunkserver.worker import warm
+
+FAILED: Final = 1
+MISUSED: Final = 2
+"""Exit codes: it could not be done; what is asked for cannot be."""
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, add_completion=False, pretty_exceptions_enable=False)
 config_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="What the settings are.")
@@ -49,7 +53,9 @@ def serve_command(settings: Settings, _origins: Origins) -> None:
         _end(f"cannot serve on {settings.host} port {settings.port}: {error}")
     try:
         served = create_app(settings)
-    except StoreError as error:
+    except BadSetting as error:
+        _end(error.message, MISUSED)
+    except ChunkError as error:
         _end(error.message)
     serve(served, listening, served.state.service.connections)
 
@@ -121,9 +127,9 @@ def new_key_command(
     typer.echo(f"or in the environment, separated by spaces:\n\n    CHUNKSERVER_API_KEYS={kept}")
 
 
-def _end(why: str) -> NoReturn:
+def _end(why: str, code: int = FAILED) -> NoReturn:
     typer.echo(why, err=True)
-    raise typer.Exit(1)
+    raise typer.Exit(code)
 
 
 if __name__ == "__main__":

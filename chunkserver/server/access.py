@@ -23,7 +23,7 @@ from fastapi import Response
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Asked
 
-from chunkserver.errors import ChunkError
+from chunkserver.errors import BadSetting, ChunkError
 from chunkserver.server.cors import Cors
 from chunkserver.server.keys import Keyring, Scope
 from chunkserver.server.openapi import problem_responses
@@ -78,7 +78,7 @@ NEEDS: Final = (
 """HEAD needs what GET does. OPTIONS is free: a browser asks it without a key, before it sends one."""
 
 
-class Exposed(ChunkError):
+class Exposed(BadSetting):
     """The server would listen for others than this machine, and let everybody do everything."""
 
 

@@ -88,7 +88,8 @@ class Answers:
     change of order: beside a body of 60 KB it is memory that is not in the processor's caches that costs.
 
     bytes: what the kept entries weigh now, at most `bytes_max`.
-    hits, not_modified: answers given from here.
+    hits, not_modified: answers given from here. built: chunks that the front asked of the cache or the workers;
+    refused: those of them that were refused.
     """
 
     def __init__(self, cache: ChunkCache, cors: Cors, bytes_max: int = ANSWERS_BYTES_MAX) -> None:
@@ -96,6 +97,8 @@ class Answers:
         self.bytes = 0
         self.hits = 0
         self.not_modified = 0
+        self.built = 0
+        self.refused = 0
         self._cache = cache
         self._cors = cors
         self._kept: OrderedDict[_Key, _Entry] = OrderedDict()

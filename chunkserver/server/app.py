@@ -13,7 +13,7 @@ from starlette.types import Scope as Asked
 from chunkserver import __version__
 from chunkserver.catalogue import Catalogue
 from chunkserver.server import batch, health, landing, metrics, openapi, problems, recipes, seeds, world_chunks, worlds
-from chunkserver.server.access import Access
+from chunkserver.server.access import Access, check_exposure
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.connections import Connections
@@ -50,8 +50,10 @@ class Application(FastAPI):
 def create_app(settings: Settings, pool: Builder | None = None) -> Application:
     """Return the application. Its lifespan starts and closes `pool`, by default `settings.workers` processes.
 
-    It has `settings.data` from now on, until its lifespan ends. Raises `StoreError` if that cannot be had.
+    It has `settings.data` from now on, until its lifespan ends. Raises `StoreError` if that cannot be had, and
+    `BadSetting` if everybody could write.
     """
+    check_exposure(settings.host, settings.api_keys, settings.insecure)
     app = Application(
         title="chunkserver",
         version=__version__,

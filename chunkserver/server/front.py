@@ -22,21 +22,16 @@ from chunkserver.server.accept import urgency
 from chunkserver.server.answers import asked
 from chunkserver.server.chunks import reply
 from chunkserver.server.plan import Reply
-from chunkserver.server.problems import answer as problem
+from chunkserver.server.problems import refusal
 from chunkserver.server.service import Service
 
 METHODS: Final = frozenset(("GET", "HEAD"))
 
 
 class Front:
-    """ASGI: answers what `service` knows how to, and hands on everything else as it came.
-
-    built: chunks that were asked of the cache or the workers here. refused: requests that were turned away here.
-    """
+    """ASGI: answers what `service` knows how to, and hands on everything else. `Answers` counts what it answers."""
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
-        self.built = 0
-        self.refused = 0
         self._app = app
         self._service = service
         self._answers = service.answers
@@ -63,7 +58,7 @@ class Front:
             request = plan.request(key)
         except BadKey:
             return None
-        self.built += 1
+        self._answers.built += 1
         tag = plan.tag(key)
         urgent = urgency(dict(scope["headers"]).get(b"priority"))
         service, known = self._service, wanted.knows(tag)
@@ -72,15 +67,15 @@ class Front:
                 raise Overloaded("too many requests are waiting for a worker")
             made = await reply(service, plan, request, tag, known, receive, urgent)
         except Overloaded as error:
-            self.refused += 1
-            made = self._overloaded = self._overloaded or await _refusal(scope, error)
+            self._answers.refused += 1
+            made = self._overloaded = self._overloaded or _refusal(scope, error)
         except ChunkError as error:
-            made = await _refusal(scope, error)
+            made = _refusal(scope, error)
         else:
             self._answers.keep(wanted, plan, tag, made)
         return self._answers.start(wanted.origin, made), made.body
 
 
-async def _refusal(scope: Scope, error: ChunkError) -> Reply:
-    response = await problem(Request(scope), error)
+def _refusal(scope: Scope, error: ChunkError) -> Reply:
+    response = refusal(Request(scope), error)
     return Reply(response.status_code, tuple(response.raw_headers), bytes(response.body))

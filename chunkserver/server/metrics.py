@@ -58,6 +58,16 @@ def _disk(read: Callable[[DiskCache], float]) -> Callable[[Service], Readings]:
     return lambda service: {(): read(service.cache.disk)} if service.cache.disk else {}
 
 
+def _front(service: Service) -> Readings:
+    found = service.answers
+    return {
+        ("found",): found.hits,
+        ("not_modified",): found.not_modified,
+        ("built",): found.built - found.refused,
+        ("refused",): found.refused,
+    }
+
+
 def _requests(service: Service) -> Readings:
     return {(route, method, str(status)): n for (route, method, status), n in service.requests.answered.items()}
 
@@ -100,8 +110,9 @@ TABLE: Final = (
     Row(
         "chunkserver_front_answers_total",
         "counter",
-        "Requests answered in front of the application: from the cache (found), or with a 304 (not_modified).",
-        lambda service: {("found",): service.answers.hits, ("not_modified",): service.answers.not_modified},
+        "Requests answered in front of the application: found there, not_modified (304), built (asked of the cache and "
+        "the workers), or refused.",
+        _front,
         ("kind",),
     ),
     Row("chunkserver_connections", "gauge", "Connections that are open.", _one(lambda of: of.connections.open)),

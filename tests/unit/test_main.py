@@ -14,7 +14,7 @@ from chunkserver.catalogue import FILE_NAME, Catalogue, World
 from chunkserver.errors import StoreError
 from chunkserver.pipeline import generator
 from chunkserver.recipe import WorldRecipe, builtin
-from chunkserver.server import Settings, log_format
+from chunkserver.server import Settings, create_app, log_format
 from chunkserver.server.keys import Scope, digest_of_key, parse_key
 from chunkserver.server.sources import CONFIG, flag, variable
 from chunkserver.worker import Warmth
@@ -173,6 +173,14 @@ def test_worlds_that_cannot_be_had(monkeypatch):
     ended = run("serve", "--data", "some/folder")
     assert ended.exit_code == 1
     assert ended.stderr == "some/folder is in use\n"
+
+
+@pytest.mark.usefixtures("served")
+def test_everybody_could_write(monkeypatch):
+    monkeypatch.setattr(command_line, "create_app", create_app)
+    ended = run("serve", "--host", "0.0.0.0")
+    assert ended.exit_code == 2
+    assert re.fullmatch(r"0\.0\.0\.0 can be reached .*--insecure\n", ended.stderr)
 
 
 @pytest.mark.usefixtures("served")

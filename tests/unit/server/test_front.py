@@ -268,7 +268,7 @@ def test_a_full_queue_refuses_what_is_not_at_hand():
             assert b"urn:chunkserver:problem:overloaded" in answer[2]
         assert (await service.get(f"{SEED}/1/0"))[0] == 204
         assert (await service.get(f"{SEED}/3/0", condition=["*"]))[0] == 304
-        assert (service.passed, len(service.shared.pool.built), service.front.refused) == (1, 2, 2)
+        assert (service.passed, len(service.shared.pool.built), service.shared.answers.refused) == (1, 2, 2)
 
     in_service(scenario)
 
@@ -299,7 +299,7 @@ def test_a_failed_build_is_told_and_not_kept():
         assert expected[0] == 503
         service.shared.pool.error = None
         assert (await service.get(f"{SEED}/2/0"))[0] == 204
-        assert (service.passed, service.front.refused) == (1, 1)
+        assert (service.passed, service.shared.answers.refused) == (1, 1)
 
     in_service(scenario)
 

@@ -73,6 +73,8 @@ def test_head(client):
 def test_requests_are_counted(client):
     client.get(CHUNK)
     client.get(CHUNK)
+    client.get(CHUNK, headers={"If-None-Match": "*"})
+    client.get(CHUNK.replace("/0.mesh", "/1.mesh"))
     client.get("/v1/seeds/x")
     client.get("/nothing/here")
     found = read(client)
@@ -81,11 +83,12 @@ def test_requests_are_counted(client):
     assert found[name, ("method", "GET"), ("route", template), ("status", "200")] == 1
     assert found[name, ("method", "GET"), ("route", "/v1/seeds/{seed}"), ("status", "422")] == 1
     assert found[name, ("method", "GET"), ("route", "other"), ("status", "404")] == 1
-    assert found["chunkserver_front_answers_total", ("kind", "found")] == 1
+    for kind, times in {"found": 1, "not_modified": 1, "built": 1, "refused": 0}.items():
+        assert found["chunkserver_front_answers_total", ("kind", kind)] == times
     assert found["chunkserver_request_seconds_count", ("route", template)] == 1
     assert found["chunkserver_requests_in_flight",] == 1, "this one"
-    assert found["chunkserver_cache_misses_total",] == 1
-    assert found["chunkserver_cache_chunks",] == 1
+    assert found["chunkserver_cache_misses_total",] == 2
+    assert found["chunkserver_cache_chunks",] == 2
     assert found["chunkserver_cache_bytes",] > 0
     assert found["process_resident_memory_bytes",] > 1 << 20
 
