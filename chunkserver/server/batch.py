@@ -9,7 +9,7 @@ limit. When the client leaves, what is queued for it leaves the queue.
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator
 from functools import partial
 from http import HTTPStatus
 from typing import Annotated, Any, Final, NamedTuple
@@ -18,13 +18,14 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StrictInt
 
-from chunkserver.errors import BadKey, BadParameter, BadRecipe, ChunkError
+from chunkserver.errors import BadKey, BadParameter, BadRecipe, Unavailable
 from chunkserver.grid import ChunkKey
-from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.pipeline import Chunk
 from chunkserver.server.accept import urgency
 from chunkserver.server.body import JSON_MEDIA_TYPE, json_body, parsed
+from chunkserver.server.cache import Building
 from chunkserver.server.chunks import NO_STORE, TO_BUILD
-from chunkserver.server.frames import chunk_frame, end, frame, stream_header
+from chunkserver.server.frames import end, frame, stream_header
 from chunkserver.server.openapi import Responses, header, problem_responses
 from chunkserver.server.parameters import (
     Seed,
@@ -34,7 +35,7 @@ from chunkserver.server.parameters import (
     encoding_of,
     refuse_repeats,
 )
-from chunkserver.server.plan import Plan
+from chunkserver.server.plan import IDENTITY, Plan
 from chunkserver.server.problems import (
     BodyTooLarge,
     BodyTooSlow,
@@ -45,7 +46,7 @@ from chunkserver.server.problems import (
     UnknownRecipe,
     UnknownRevision,
     UnknownWorld,
-    answer,
+    refusal,
 )
 from chunkserver.server.seeds import SEED, seed_plan
 from chunkserver.server.service import Service, ServiceOfApp
@@ -161,7 +162,7 @@ class _Item(NamedTuple):
     distance: float
     finer: int
     number: int
-    request: ChunkRequest
+    key: ChunkKey
 
 
 class _Work:
@@ -174,14 +175,14 @@ class _Work:
         self._known = frozenset(batch.known)
         self._urgency = urgency(request.headers.get("priority", "").encode("latin-1"))
         self._items = _in_order(plan, batch)
-        self._building: set[asyncio.Task[None]] = set()
+        self._building: dict[int, Building] = {}
         self._ready: list[bytes] = []
         self._changed = asyncio.Event()
 
     async def frames(self, world_revision: int) -> AsyncIterator[bytes]:
         """Yield the stream, as many frames at once as are ready. Closed early, it leaves the queue."""
-        clock = asyncio.get_running_loop().time
-        deadline = clock() + BATCH_SECONDS_MAX
+        clock = asyncio.get_running_loop()
+        deadline = clock.call_later(BATCH_SECONDS_MAX, self._changed.set)
         self._ready.append(stream_header(world_revision))
         items = iter(self._items)
         try:
@@ -191,11 +192,13 @@ class _Work:
                     yield b"".join(ready)
                 else:
                     self._changed.clear()
-                    async with asyncio.timeout_at(deadline):
-                        await self._changed.wait()
+                    await self._changed.wait()
+                    if deadline.when() <= clock.time():
+                        return
         finally:
-            for task in self._building:
-                task.cancel()
+            deadline.cancel()
+            for building in self._building.values():
+                self._service.cache.leave(building)
         yield end(len(self._items))
 
     def _ask(self, items: Iterator[_Item]) -> bool:
@@ -205,60 +208,75 @@ class _Work:
             item = next(items, None)
             if item is None:
                 break
-            at_once = self._at_once(item)
-            if at_once is None:
-                self._building.add(asyncio.create_task(self._build(item)))
-            else:
-                self._ready.append(at_once)
-                size += len(at_once)
+            size += self._ask_for(item)
         return bool(self._ready or self._building)
 
-    def _at_once(self, item: _Item) -> bytes | None:
-        tag = self._plan.tag(item.request.key)
+    def _ask_for(self, item: _Item) -> int:
+        """Ask for one chunk. Return the bytes that could be told of it at once."""
+        cache, tag = self._service.cache, self._plan.tag(item.key)
         if tag in self._known:
-            return frame(item.number, HTTPStatus.NOT_MODIFIED, revision=item.request.revision, tag=tag)
-        chunk = self._service.cache.find(tag)
-        return None if chunk is None else self._frame(item, tag, chunk)
+            return self._tell(item, HTTPStatus.NOT_MODIFIED, tag)
+        chunk = cache.find(tag)
+        if chunk is not None:
+            return self._tell_chunk(item, tag, chunk)
+        request = self._plan.request(item.key)
+        distance = item.distance / request.cells
+        build = partial(self._service.pool.build, request, urgency=self._urgency, distance=distance)
+        building = self._building[item.number] = cache.ask(tag, build)
+        building.chunk.add_done_callback(partial(self._built, item, tag))
+        return 0
 
-    async def _build(self, item: _Item) -> None:
-        tag = self._plan.tag(item.request.key)
-        build = partial(
-            self._service.pool.build,
-            item.request,
-            urgency=self._urgency,
-            distance=item.distance / item.request.cells,
-        )
+    def _built(self, item: _Item, tag: str, made: asyncio.Future[Chunk]) -> None:
+        building = self._building.pop(item.number, None)
+        if building is None:
+            return  # the batch is over
+        self._service.cache.leave(building)
         try:
-            chunk = await self._service.cache.get_or_build(tag, build)
-        except ChunkError as error:
-            told = await answer(self._request, error)
-            self._ready.append(frame(item.number, told.status_code, body=bytes(told.body)))
-        else:
-            self._ready.append(self._frame(item, tag, chunk))
-        finally:
-            self._building.discard(asyncio.current_task())
-            self._changed.set()
+            self._tell_chunk(item, tag, made.result())
+        except (Exception, asyncio.CancelledError) as error:  # noqa: BLE001 - whatever it was, it is this chunk's alone
+            told = refusal(self._request, error if isinstance(error, Exception) else Unavailable("it was given up"))
+            self._tell(item, told.status_code, body=bytes(told.body))
+        self._changed.set()
 
-    def _frame(self, item: _Item, tag: str, chunk: Chunk) -> bytes:
-        status, coding = self._plan.status(chunk), item.request.encoding.coding
-        return chunk_frame(item.number, chunk, status, coding=coding, revision=item.request.revision, tag=tag)
+    def _tell_chunk(self, item: _Item, tag: str, chunk: Chunk) -> int:
+        status = self._plan.status(chunk)
+        if status == HTTPStatus.NO_CONTENT:
+            return self._tell(item, status, tag, content=chunk.content)
+        coding = self._plan.template.encoding.coding
+        return self._tell(item, status, tag, body=chunk.body, content=chunk.content, coding=coding)
+
+    def _tell(
+        self, item: _Item, status: int, tag: str = "", *, body: bytes = b"", content: str = "", coding: str = IDENTITY
+    ) -> int:
+        revision = self._plan.template.revision if tag else 0
+        parts = frame(item.number, status, body=body, content=content, coding=coding, revision=revision, tag=tag)
+        self._ready += parts
+        return sum(map(len, parts))
 
 
 def _in_order(plan: Plan, batch: Batch) -> list[_Item]:
     """Return the chunks of `batch`, nearest first. Raises `BadKey` that says which one there cannot be."""
     items = []
-    for index, chunk in enumerate(batch.chunks):
+    cells = plan.template.cells
+    for number, chunk in enumerate(batch.chunks):
+        key = ChunkKey(*chunk)
         try:
-            request = plan.request(ChunkKey(*chunk))
+            plan.check(key)
         except BadKey as error:
-            raise BadKey(f"chunks[{index}]: {error.message}", index=index, **error.values) from None
-        distance = 0.0 if batch.viewer is None else _distance(request, batch.viewer)
-        items.append(_Item(distance, -request.key.lod if batch.viewer else 0, index, request))
-    return sorted(items, key=lambda item: item[:3])
+            raise BadKey(f"chunks[{number}]: {error.message}", index=number, **error.values) from None
+        if batch.viewer is None:
+            items.append(_Item(0.0, 0, number, key))
+        else:
+            items.append(_Item(_distance(key, cells, *batch.viewer), -key.lod, number, key))
+    return sorted(items)
 
 
-def _distance(request: ChunkRequest, viewer: Sequence[float]) -> float:
-    """Return how far the viewer is from the chunk's box, in voxels."""
-    side = request.cells * request.key.step
-    lows = request.key.low_corner(request.cells)
-    return math.hypot(*(max(low - at, 0.0, at - (low + side)) for low, at in zip(lows, viewer, strict=True)))
+def _distance(key: ChunkKey, cells: int, x: float, y: float, z: float) -> float:
+    """Return how far the point (x, y, z) is from the chunk's box, in voxels."""
+    side = cells << key.lod
+    low_x, low_y, low_z = key.x * side, key.y * side, key.z * side
+    return math.hypot(
+        max(low_x - x, 0.0, x - (low_x + side)),
+        max(low_y - y, 0.0, y - (low_y + side)),
+        max(low_z - z, 0.0, z - (low_z + side)),
+    )

@@ -6,10 +6,10 @@ get_or_build   memory, then once for all who wait: disk, if there is one, then t
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Coroutine
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from chunkserver.pipeline import Chunk
 from chunkserver.server.disk import DiskCache
@@ -30,15 +30,21 @@ class Kept:
     used: bool = False
 
 
-class _Building:
-    """One build in flight, the look at the disk before it included, and how many wait for it."""
+@dataclass(slots=True, eq=False)
+class Building:
+    """A chunk on its way, the look at the disk before the build included, and how many wait for it.
 
-    def __init__(self, run: Callable[["_Building"], Coroutine[Any, Any, Chunk]]) -> None:
-        self.waiters = 0
-        self.begun = False
-        self.task = asyncio.create_task(run(self))
+    chunk: never cancelled while somebody waits; to be awaited through `asyncio.shield`, or asked for by a callback.
+    begun: whether it is worth finishing, even if nobody waits any more.
+    """
+
+    key: str
+    chunk: asyncio.Future[Chunk] = field(init=False)
+    waiters: int = 0
+    begun: bool = False
 
     def begin(self) -> None:
+        """Note that the work has begun."""
         self.begun = True
 
 
@@ -62,7 +68,7 @@ class ChunkCache:
         self.bytes = 0
         self.hits = self.joined = self.misses = self.evicted = self.found_bytes = 0
         self._kept: OrderedDict[str, Kept] = OrderedDict()
-        self._building: dict[str, _Building] = {}
+        self._building: dict[str, Building] = {}
 
     @property
     def entries(self) -> int:
@@ -94,48 +100,65 @@ class ChunkCache:
     async def get_or_build(self, key: str, build: Build) -> Chunk:
         """Return the chunk named `key`, reading or building it at most once however many ask.
 
-        A caller that is cancelled does not cancel the build: others may wait for it. When the last one leaves, a build
-        that has not begun is cancelled; one that has begun goes on into the cache. Raises what `build` raises, to
-        everyone who waits; a failure is not kept.
+        A caller that is cancelled does not cancel the build: see `leave`. Raises what `build` raises, to everyone who
+        waits; a failure is not kept.
         """
         kept = self.find(key)
         if kept is not None:
             return kept
+        building = self.ask(key, build)
+        try:
+            return await asyncio.shield(building.chunk)
+        finally:
+            self.leave(building)
+
+    def ask(self, key: str, build: Build) -> Building:
+        """Wait for the chunk named `key`, which is not in memory; it is on its way, or is now. `leave` ends the wait.
+
+        This is what `get_or_build` is made of, for who asks for many chunks and wants no task for each.
+        """
         building = self._building.get(key)
         if building is None:
-            building = self._building[key] = _Building(partial(self._fill, key, build))
+            building = self._building[key] = Building(key)
+            building.chunk = asyncio.ensure_future(self._fill(building, build))
+            building.chunk.add_done_callback(partial(self._filled, building))
         else:
             self.joined += 1
         building.waiters += 1
-        try:
-            return await asyncio.shield(building.task)
-        finally:
-            building.waiters -= 1
-            self._drop_unwanted(key, building)
+        return building
+
+    def leave(self, building: Building) -> None:
+        """Wait no longer. When the last one leaves, what has not begun is cancelled; else it goes on into the cache."""
+        building.waiters -= 1
+        if not (building.waiters or building.begun or building.chunk.done()):
+            del self._building[building.key]  # at once: who comes now must not join what is being cancelled
+            building.chunk.cancel()
 
     async def close(self) -> None:
         """Close the disk cache, which writes what it has been given."""
         if self.disk:
             await self.disk.close()
 
-    def _drop_unwanted(self, key: str, building: _Building) -> None:
-        if not (building.waiters or building.begun or building.task.done()):
-            del self._building[key]  # at once: who comes now must not join what is being cancelled
-            building.task.cancel()
+    def _fill(self, building: Building, build: Build) -> Awaitable[Chunk]:
+        if self.disk is not None:
+            return self._fill_by_disk(self.disk, building, build)
+        self.misses += 1
+        return build(building.begin)
 
-    async def _fill(self, key: str, build: Build, building: _Building) -> Chunk:
-        try:
-            chunk = await self.disk.find(key) if self.disk else None
-            if chunk is None:
-                self.misses += 1
-                chunk = await build(building.begin)
-                if self.disk:
-                    self.disk.keep(key, chunk)
-        finally:
-            if self._building.get(key) is building:
-                del self._building[key]
-        self._keep(key, chunk)
+    async def _fill_by_disk(self, disk: DiskCache, building: Building, build: Build) -> Chunk:
+        chunk = await disk.find(building.key)
+        if chunk is None:
+            self.misses += 1
+            chunk = await build(building.begin)
+            disk.keep(building.key, chunk)
         return chunk
+
+    def _filled(self, building: Building, chunk: asyncio.Future[Chunk]) -> None:
+        """Keep what was made, before any who wait are told."""
+        if self._building.get(building.key) is building:
+            del self._building[building.key]
+        if not chunk.cancelled() and chunk.exception() is None:
+            self._keep(building.key, chunk.result())
 
     def _keep(self, key: str, chunk: Chunk) -> None:
         weight = _weight(chunk)

@@ -98,6 +98,7 @@ async def answer(call: Call, plan: Plan, key: ChunkKey) -> Response:
     Raises `BadKey`, and what `reply` raises.
     """
     scope, service = call.request.scope, call.service
+    plan.check(key)
     request, tag = plan.request(key), plan.tag(key)
     wanted = asked(scope)
     if wanted is not None:

@@ -9,7 +9,6 @@ import struct
 from http import HTTPStatus
 from typing import Final
 
-from chunkserver.pipeline import Chunk
 from chunkserver.wire import CODINGS
 
 MAGIC: Final = b"CHNB"
@@ -19,10 +18,13 @@ ALIGNMENT: Final = 16
 END: Final = 0xFFFFFFFF
 """The index of the last frame, which says that nothing is missing."""
 CONTENTS: Final = ("", "air", "rock", "surface")
+"""By their numbers in a frame."""
 
 _STREAM: Final = struct.Struct("<4sHHQ")
 _FRAME: Final = struct.Struct("<IIHBBIQ32s8x")
+_CONTENT_NUMBERS: Final = {name: number for number, name in enumerate(CONTENTS)}
 _CODING_NUMBERS: Final = {name: number for number, name in enumerate(CODINGS)}
+_PADDING: Final = bytes(ALIGNMENT)
 
 assert _STREAM.size == ALIGNMENT
 assert _FRAME.size % ALIGNMENT == 0
@@ -42,21 +44,14 @@ def frame(
     coding: str = "identity",
     revision: int = 0,
     tag: str = "",
-) -> bytes:
-    """Return the frame of the chunk that the request names at `index`: as a request for it alone is answered.
+) -> tuple[bytes, bytes, bytes]:
+    """Return the frame of the chunk that the request names at `index`, in parts: as a request for it alone is answered.
 
-    coding: of the body. tag: its entity tag, without quotes.
+    content: of the chunk, if there is one. coding: of the body. tag: its entity tag, without quotes.
     """
-    padding = bytes(-len(body) % ALIGNMENT)
-    numbers = CONTENTS.index(content), _CODING_NUMBERS[coding]
-    return b"".join((_FRAME.pack(len(body), index, status, *numbers, 0, revision, tag.encode()), body, padding))
-
-
-def chunk_frame(index: int, chunk: Chunk, status: HTTPStatus, *, coding: str, revision: int, tag: str) -> bytes:
-    """Return the frame of `chunk`: with its body, or for a 204 without."""
-    if status == HTTPStatus.NO_CONTENT:
-        return frame(index, status, content=chunk.content, revision=revision, tag=tag)
-    return frame(index, status, body=chunk.body, content=chunk.content, coding=coding, revision=revision, tag=tag)
+    numbers = _CONTENT_NUMBERS[content], _CODING_NUMBERS[coding]
+    header = _FRAME.pack(len(body), index, status, *numbers, 0, revision, tag.encode())
+    return header, body, _PADDING[: -len(body) % ALIGNMENT]
 
 
 def end(count: int) -> bytes:

@@ -55,7 +55,7 @@ class Front:
             return None
         plan, key = found
         try:
-            request = plan.request(key)
+            plan.check(key)
         except BadKey:
             return None
         self._answers.built += 1
@@ -65,7 +65,7 @@ class Front:
         try:
             if service.pool.refuses(urgent, key.lod) and not (known or service.cache.at_hand(tag)):
                 raise Overloaded("too many requests are waiting for a worker")
-            made = await reply(service, plan, request, tag, known, receive, urgent)
+            made = await reply(service, plan, plan.request(key), tag, known, receive, urgent)
         except Overloaded as error:
             self._answers.refused += 1
             made = self._overloaded = self._overloaded or _refusal(scope, error)

@@ -5,9 +5,9 @@ one, as long as it `holds`: nothing but the coordinates has to be looked at agai
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from http import HTTPStatus
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from chunkserver.grid import LOD_MAX, ChunkKey, check_key
 from chunkserver.pipeline import Chunk, ChunkRequest
@@ -36,12 +36,14 @@ class Plan:
 
     template: a request for one of them.
     tag: returns the entity tag of a chunk, without its quotes; also the cache's key.
+    others: its fields behind recipe and key.
     headers: of every answer.
     holds: whether the same request would be answered alike now.
     lods: how many LODs there are.
     """
 
     template: ChunkRequest
+    others: tuple[Any, ...]
     tag: Callable[[ChunkKey], str]
     headers: Headers
     holds: Callable[[], bool]
@@ -61,12 +63,15 @@ class Plan:
         epoch: of the world, if they are chunks of one.
         """
         all_headers = {"Vary": VARY, **headers}
-        return cls(template, tags(template, epoch), _raw(all_headers), holds, lods)
+        return cls(template, _others(template), tags(template, epoch), _raw(all_headers), holds, lods)
+
+    def check(self, key: ChunkKey) -> None:
+        """Raise `BadKey` if there is no such chunk."""
+        check_key(key, self.template.cells, self.lods)
 
     def request(self, key: ChunkKey) -> ChunkRequest:
-        """Return the request for the chunk `key`. Raises `BadKey` if there is none."""
-        check_key(key, self.template.cells, self.lods)
-        return replace(self.template, key=key)
+        """Return the request for the chunk `key`, which was checked."""
+        return ChunkRequest(self.template.recipe, key, *self.others)  # a fifth of what `replace` takes
 
     def not_modified(self, tag: str) -> Reply:
         """Return the answer to a client that has the bytes named `tag`."""
@@ -91,6 +96,12 @@ class Plan:
         length = (b"content-length", b"%d" % len(chunk.body))
         media_type = (b"content-type", FORMATS[encoding.format].media_type.encode())
         return Reply(HTTPStatus.OK, (*told, length, media_type, *coding), chunk.body)
+
+
+def _others(template: ChunkRequest) -> tuple[Any, ...]:
+    first, second, *others = (field.name for field in fields(template))
+    assert (first, second) == ("recipe", "key")
+    return tuple(getattr(template, name) for name in others)
 
 
 def _raw(headers: Mapping[str, str]) -> Headers:

@@ -16,6 +16,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WireError, WorkerLost
@@ -107,26 +108,29 @@ class Pool:
         """Whether `build` would raise `Overloaded` now for a request of this urgency, at distance 0. Cheap."""
         return self._waiting.refuses(rank(urgency, 0.0, lod))
 
-    async def build(
+    def build(
         self,
         request: ChunkRequest,
         begun: Callable[[], None] = lambda: None,
         *,
         urgency: int = URGENCY_DEFAULT,
         distance: float = 0.0,
-    ) -> Chunk:
+    ) -> asyncio.Future[Chunk]:
         """Return what `build_chunk` returns, made by a worker. Cancelled before it calls `begun`, it leaves the queue.
+
+        A future, not a coroutine: a task for each chunk would cost more than what it does.
 
         begun: called when a worker gets the request, and once more if that worker is lost.
         urgency: from 0, first, to 7. distance: from the viewer, in chunk lengths; of equal urgency the near ones are
             first, of these the coarse ones.
 
-        Raises what `build_chunk` raises; `Overloaded`, `DeadlinePassed`, `WorkerLost`, or `Unavailable` while the pool
-        closes; plain `ChunkError` for a fault of ours, which is in the log.
+        It raises what `build_chunk` raises; `Overloaded`, `DeadlinePassed`, `WorkerLost`, or `Unavailable` while the
+        pool closes; plain `ChunkError` for a fault of ours, which is in the log.
         """
-        if self._closing:
-            raise _stopping()
         job = Job.of(request, self._limits.answer_seconds, rank(urgency, distance, request.key.lod), begun)
+        if self._closing:
+            job.settle(_stopping())
+            return job.answer
         refused = self._waiting.push(job)
         if refused is not None:
             self.tally.refused += 1
@@ -134,11 +138,8 @@ class Pool:
             refused.settle(Overloaded(f"{waiting} requests are waiting for a worker", waiting=waiting))
         if self._idle:
             self._give_out()
-        try:
-            return await job.answer
-        except asyncio.CancelledError:
-            self._waiting.leave(job)
-            raise
+        job.answer.add_done_callback(partial(self._answered, job))
+        return job.answer
 
     async def close(self) -> None:
         """End all workers. Jobs that are not done raise `Unavailable`; builds that should finish are awaited before."""
@@ -149,6 +150,10 @@ class Pool:
             await asyncio.wait(self._tasks)
         for job in self._waiting:
             job.settle(_stopping())
+
+    def _answered(self, job: Job, answer: asyncio.Future[Chunk]) -> None:
+        if answer.cancelled():
+            self._waiting.leave(job)
 
     def _give_out(self) -> None:
         now = time.monotonic()

@@ -183,6 +183,11 @@ def install(app: FastAPI) -> None:
 
 
 async def answer(request: Request, error: Exception) -> Response:
+    """Answer an error as the framework wants it to be: see `refusal`."""
+    return refusal(request, error)
+
+
+def refusal(request: Request, error: Exception) -> Response:
     """Return the problem+json of `error`; a failure of the server is logged with its cause, never shown."""
     problem = _problem(error)
     if problem.status == HTTPStatus.INTERNAL_SERVER_ERROR and _is_untold(error):

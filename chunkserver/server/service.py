@@ -1,6 +1,6 @@
 """What every route shares: the workers, the cache, the posted recipes and the worlds, found on the application."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
@@ -29,14 +29,14 @@ class Builder(Protocol):
     def refuses(self, urgency: int, lod: int) -> bool:
         """Whether `build` would raise `Overloaded` now, for a request of that urgency and LOD. Cheap."""
 
-    async def build(
+    def build(
         self,
         request: ChunkRequest,
         begun: Callable[[], None],
         *,
         urgency: int = URGENCY_DEFAULT,
         distance: float = 0.0,
-    ) -> Chunk:
+    ) -> Awaitable[Chunk]:
         """Build one chunk; raises `ChunkError`. Calls `begun` when it is no longer only waiting.
 
         urgency: 0 (most) to 7. distance: in chunk lengths, from who looks at it.

@@ -21,7 +21,7 @@ async def blocked(folder, limits=None):
     """A pool whose only worker is busy until the function that is yielded beside it is called."""
     async with running(workers=1, limits=limits) as pool:
         over = folder / "over"
-        busy = asyncio.create_task(pool.build(stub.ask("wait", str(over))))
+        busy = asyncio.ensure_future(pool.build(stub.ask("wait", str(over))))
         await until(lambda: pool.busy == 1)
         yield pool, over.touch
         await busy
@@ -43,8 +43,7 @@ def test_the_urgent_are_built_first_then_the_near_then_the_coarse(run, tmp_path)
 
             def job(name, urgency, distance, lod):
                 request = stub.ask("answer", x=0, lod=lod)
-                building = pool.build(request, lambda: begun.append(name), urgency=urgency, distance=distance)
-                return asyncio.create_task(building)
+                return pool.build(request, lambda: begun.append(name), urgency=urgency, distance=distance)
 
             jobs = [
                 job("last", 7, 0.0, 9),
@@ -65,7 +64,7 @@ def test_who_is_more_urgent_takes_the_place_of_another(run, tmp_path):
     async def scenario():
         async with blocked(tmp_path, Limits(jobs_waiting=1)) as (pool, go_on):
             assert not pool.refuses(7)
-            displaced = asyncio.create_task(pool.build(stub.ask(x=1)))
+            displaced = asyncio.ensure_future(pool.build(stub.ask(x=1)))
             await queued(pool, 1)
             assert pool.refuses(URGENCY_DEFAULT)
             assert pool.refuses(7, lod=9)
@@ -73,7 +72,7 @@ def test_who_is_more_urgent_takes_the_place_of_another(run, tmp_path):
             assert not pool.refuses(URGENCY_DEFAULT - 1)
             with pytest.raises(Overloaded, match="1 requests are waiting"):
                 await pool.build(stub.ask(x=2))
-            urgent = asyncio.create_task(pool.build(stub.ask(x=3), urgency=1))
+            urgent = asyncio.ensure_future(pool.build(stub.ask(x=3), urgency=1))
             with pytest.raises(Overloaded):
                 await displaced
             assert (pool.waiting, pool.tally.refused) == (1, 2)
@@ -132,7 +131,7 @@ def test_what_goes_with_all_workers_and_the_fork_server_is_no_loss(run, tmp_path
     async def scenario():
         async with running(workers=2) as pool:
             over = tmp_path / "over"
-            jobs = [asyncio.create_task(pool.build(stub.ask("wait", str(over), x))) for x in range(2)]
+            jobs = [asyncio.ensure_future(pool.build(stub.ask("wait", str(over), x))) for x in range(2)]
             for _ in range(LOSSES_MAX):
                 await until(lambda: pool.ready and pool.busy == 2)
                 group = fork_server(), *workers()

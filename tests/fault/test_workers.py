@@ -80,7 +80,7 @@ def test_a_request_whose_worker_dies_is_tried_once_more(run, tmp_path):
 def test_a_request_that_kills_its_workers_is_refused_and_takes_no_other_with_it(run, caplog):
     async def scenario():
         async with running() as pool:
-            slow = [asyncio.create_task(pool.build(stub.ask("sleep", "0.02", x))) for x in range(20)]
+            slow = [asyncio.ensure_future(pool.build(stub.ask("sleep", "0.02", x))) for x in range(20)]
             with pytest.raises(WorkerLost) as refused:
                 await pool.build(stub.ask("die", x=3))
             assert refused.value.values == {"key": [0, 3, 0, 0], "losses": LOSSES_MAX}
@@ -95,7 +95,7 @@ def test_a_request_that_hangs_its_workers_is_refused_and_takes_no_other_with_it(
     async def scenario():
         async with running(limits=Limits(build_seconds=1.0)) as pool:
             before, marker = set(workers()), tmp_path / "hangs"
-            hung = asyncio.create_task(pool.build(stub.ask("hang", str(marker), 3)))
+            hung = asyncio.ensure_future(pool.build(stub.ask("hang", str(marker), 3)))
             await until(lambda: marker.exists() and marker.read_text())
             first = int(marker.read_text())
             await right(pool, *range(20))
@@ -131,7 +131,7 @@ def test_a_caller_who_leaves_does_not_spoil_the_pipe(run):
         async with running(workers=1) as pool:
             before = workers()
             for x in range(20):
-                leaver = asyncio.create_task(pool.build(stub.ask("sleep", "0.01", x)))
+                leaver = asyncio.ensure_future(pool.build(stub.ask("sleep", "0.01", x)))
                 await asyncio.sleep(0)
                 leaver.cancel()
                 await right(pool, 1000 + x)
@@ -145,10 +145,10 @@ def test_a_caller_who_leaves_the_queue_frees_the_place_and_is_not_built(run, tmp
     async def scenario():
         async with running(workers=1, limits=Limits(jobs_waiting=2)) as pool:
             over = tmp_path / "over"
-            busy = asyncio.create_task(pool.build(stub.ask("wait", str(over))))
+            busy = asyncio.ensure_future(pool.build(stub.ask("wait", str(over))))
             await asyncio.sleep(0)
             marker = tmp_path / "built"
-            waiting = [asyncio.create_task(pool.build(stub.ask("die", str(marker)))) for _ in range(2)]
+            waiting = [asyncio.ensure_future(pool.build(stub.ask("die", str(marker)))) for _ in range(2)]
             await asyncio.sleep(0)
             with pytest.raises(Overloaded) as refused:
                 await pool.build(stub.ask())
@@ -170,7 +170,7 @@ def test_who_waits_too_long_is_told(run, tmp_path):
     async def scenario():
         async with running(workers=1, limits=Limits(answer_seconds=0.2)) as pool:
             marker = tmp_path / "hangs"
-            hung = asyncio.create_task(pool.build(stub.ask("hang", str(marker))))
+            hung = asyncio.ensure_future(pool.build(stub.ask("hang", str(marker))))
             await until(marker.exists)
             for late in (pool.build(stub.ask()), hung):
                 with pytest.raises(DeadlinePassed, match="no answer within"):
@@ -202,7 +202,7 @@ def test_the_fork_server_is_killed_and_all_goes_on(run):
     async def scenario():
         async with running() as pool:
             old = fork_server(), *workers()
-            slow = [asyncio.create_task(pool.build(stub.ask("sleep", "0.05", x))) for x in range(10)]
+            slow = [asyncio.ensure_future(pool.build(stub.ask("sleep", "0.05", x))) for x in range(10)]
             await asyncio.sleep(0)
             os.kill(old[0], signal.SIGKILL)
             await until(lambda: not pool.ready)
@@ -217,7 +217,7 @@ def test_a_job_has_lost_nothing_when_its_worker_goes_with_the_fork_server(run, t
     async def scenario():
         async with running(workers=1) as pool:
             over = tmp_path / "over"
-            job = asyncio.create_task(pool.build(stub.ask("wait", str(over), 5)))
+            job = asyncio.ensure_future(pool.build(stub.ask("wait", str(over), 5)))
             for _ in range(LOSSES_MAX):
                 await until(lambda: pool.ready)
                 os.kill(fork_server(), signal.SIGKILL)
@@ -278,10 +278,10 @@ def test_closing_ends_what_waits_and_what_hangs(run, tmp_path):
     async def scenario():
         async with running(workers=1) as pool:
             marker = tmp_path / "hangs"
-            jobs = [asyncio.create_task(pool.build(stub.ask("hang", str(marker)))) for _ in range(3)]
+            jobs = [asyncio.ensure_future(pool.build(stub.ask("hang", str(marker)))) for _ in range(3)]
             await until(marker.exists)
             await pool.close()
-            for job in [*jobs, asyncio.create_task(pool.build(stub.ask()))]:
+            for job in [*jobs, asyncio.ensure_future(pool.build(stub.ask()))]:
                 with pytest.raises(Unavailable, match="stopping"):
                     await job
 

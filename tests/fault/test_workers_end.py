@@ -21,7 +21,7 @@ def test_a_stop_of_the_whole_group_is_the_servers_to_answer(run):
     async def scenario():
         async with running() as pool:
             everyone = fork_server(), *workers()
-            slow = [asyncio.create_task(pool.build(stub.ask("sleep", "0.1", x))) for x in range(4)]
+            slow = [asyncio.ensure_future(pool.build(stub.ask("sleep", "0.1", x))) for x in range(4)]
             await asyncio.sleep(0)
             for signal_number in (signal.SIGINT, signal.SIGTERM):
                 os.killpg(everyone[0], signal_number)
@@ -75,7 +75,7 @@ async def serve():
     pool = Pool(2, command=stub.COMMAND)
     await pool.start()
     await pool.wait_ready()
-    hung = asyncio.create_task(pool.build(stub.ask("hang", sys.argv[1])))
+    hung = asyncio.ensure_future(pool.build(stub.ask("hang", sys.argv[1])))
     await asyncio.sleep(600)
 
 asyncio.run(serve())
