@@ -20,6 +20,7 @@ README, API = ((ROOT / page).read_text(encoding="utf-8") for page in ("README.md
 WRITTEN = "http://127.0.0.1:8000"
 URLS = re.findall(rf"^curl .*?({WRITTEN}[^'\s]*)", README + API, re.MULTILINE)
 POSTS = re.findall(rf"^curl .*-d '([^']+)' ({WRITTEN}\S*)", README + API, re.MULTILINE)
+BATCHES = [url for _, url in POSTS if url.endswith("/chunks")]
 (PYTHON,) = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 
 
@@ -35,6 +36,9 @@ def test_what_is_posted_is_what_is_asked_for(server):
     assert len(POSTS) == (README + API).count(" -d ") >= 1
     for body, url in POSTS:
         answer = httpx2.post(url.replace(WRITTEN, server.url), json=json.loads(body))
+        if url in BATCHES:
+            assert answer.content.startswith(b"CHNB")
+            continue
         made = answer.json()
         named = f"?recipe={made['digest']}" if "digest" in made else f"/worlds/{made['id']}/"
         assert any(named in url for url in URLS), f"the pages should name {named}"
@@ -44,7 +48,7 @@ def test_no_url_is_overlooked():
     assert len(URLS) == (README + API).count("curl ") >= 5
 
 
-@pytest.mark.parametrize("url", URLS)
+@pytest.mark.parametrize("url", [url for url in URLS if url not in BATCHES])
 def test_every_url(server, url):
     answer = httpx2.get(url.replace(WRITTEN, server.url))
     assert answer.status_code == 200
