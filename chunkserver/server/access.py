@@ -28,6 +28,7 @@ from chunkserver.server.cors import Cors
 from chunkserver.server.keys import Keyring, Scope
 from chunkserver.server.openapi import problem_responses
 from chunkserver.server.problems import MEDIA_TYPE, PROBLEMS, KeyNeeded, ScopeNeeded, UnknownKey, problem_body
+from chunkserver.server.request_counts import RequestCounts
 
 KEY_NAME: Final = "chunkserver.key"
 """Where the name of the key stands in the ASGI scope of a request that needed one."""
@@ -111,6 +112,7 @@ class Access:
     """ASGI: lets through to `app` what needs no key, and what comes with one that covers it.
 
     anonymous: what may be done without a key; None: nothing that needs one.
+    counts: where refusals are counted.
     cors: which pages of other sites may read why they are refused; by default none.
 
     An answer that needed a key is not for a cache that serves others: where it says `public`, it then says `private`.
@@ -125,10 +127,12 @@ class Access:
         anonymous: Scope | None = None,
         cors: Cors | None = None,
         needs: Iterable[Row] = NEEDS,
+        counts: RequestCounts | None = None,
     ) -> None:
         self._app = app
         self._keyring = keyring
         self._cors = cors or Cors(())
+        self._counts = counts or RequestCounts()
         self._table = Table(needs)
         self._free = {scope for scope in Scope if anonymous is not None and anonymous.covers(scope)}
 
@@ -177,6 +181,7 @@ class Access:
             await send({"type": "websocket.close", "code": POLICY_VIOLATION})
             return
         problem = PROBLEMS[type(error)]
+        self._counts.count_refusal(asked.get("method", STREAM), problem.status)
         challenge = {
             KeyNeeded: "Bearer",
             UnknownKey: 'Bearer error="invalid_token"',

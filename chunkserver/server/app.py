@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from operator import attrgetter
 from typing import Final
 
@@ -12,6 +12,7 @@ from starlette.types import Scope as Asked
 
 from chunkserver import __version__
 from chunkserver.catalogue import Catalogue
+from chunkserver.errors import ChunkError
 from chunkserver.server import batch, health, landing, metrics, openapi, problems, recipes, seeds, world_chunks, worlds
 from chunkserver.server.access import Access, check_exposure
 from chunkserver.server.answers import Answers
@@ -64,15 +65,20 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         generate_unique_id_function=attrgetter("name"),
         lifespan=_lifespan,
     )
-    disk = DiskCache(settings.disk_cache, settings.disk_cache_bytes) if settings.disk_cache else None
-    cache = ChunkCache(settings.cache_bytes, disk)
     cors = Cors(settings.cors_origins)
+    catalogue = Catalogue(settings.data)
+    try:
+        disk = DiskCache(settings.disk_cache, settings.disk_cache_bytes) if settings.disk_cache else None
+    except ChunkError:
+        catalogue.close()
+        raise
+    cache = ChunkCache(settings.cache_bytes, disk)
     app.state.service = Service(
         pool or Pool(settings.workers, settings.pool_limits),
         cache,
         Answers(cache, cors),
         PostedRecipes(),
-        WorldStore(Catalogue(settings.data), settings.answer_seconds),
+        WorldStore(catalogue, settings.answer_seconds),
         Connections(settings.connection_limits),
     )
     for room in (landing, health, metrics, recipes, worlds, world_chunks, seeds, batch):
@@ -83,7 +89,7 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
     app.front = Front(logged, app.state.service)
     if settings.api_keys:
         anonymous = Scope.READ if settings.anonymous_read else None
-        access = Access(app.front, Keyring(settings.api_keys), anonymous, cors)
+        access = Access(app.front, Keyring(settings.api_keys), anonymous, cors, counts=app.state.service.requests)
         access.describe(app.openapi())
         app.front = access
     return app
@@ -94,10 +100,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     service: Service = app.state.service
     where = "on disk" if service.worlds.durable else "in memory, until the server ends; --data DIR keeps them"
     _log.info("%d worlds, %s", len(service.worlds), where)
-    await service.pool.start()
-    try:
+    async with AsyncExitStack() as closing:  # each is closed, even if another cannot be
+        for part in (service.worlds, service.cache, service.pool):
+            closing.push_async_callback(part.close)
+        await service.pool.start()
         yield
-    finally:
-        await service.pool.close()
-        await service.cache.close()
-        await service.worlds.close()

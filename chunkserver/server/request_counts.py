@@ -25,6 +25,11 @@ class RequestCounts:
     seconds: dict[str, Histogram] = field(default_factory=dict)
     unlogged: int = 0
 
+    def count_refusal(self, method: str, status: int) -> None:
+        """Count an answer that was given before a route was looked for."""
+        key = (OTHER, method if method in METHODS else OTHER, status)
+        self.answered[key] = self.answered.get(key, 0) + 1
+
     def count(self, route: str, method: str, status: int, seconds: float) -> None:
         """Count one answer."""
         key = (route, method if method in METHODS else OTHER, status)

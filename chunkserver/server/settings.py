@@ -128,7 +128,9 @@ class Settings(BaseSettings):
         POOL.answer_seconds, description="From a request to its answer, waiting included; then it is refused."
     )
     build_seconds: _Seconds = Field(
-        POOL.build_seconds, description="For one chunk; a worker that takes longer is taken for hung, and replaced."
+        POOL.build_seconds,
+        description="For one chunk; a worker that takes longer is taken for hung, and replaced. At most half of "
+        "`answer_seconds`: what it built is tried once more.",
     )
     worker_bytes: ByteSize = Field(
         ByteSize(POOL.worker_bytes),
@@ -172,9 +174,9 @@ class Settings(BaseSettings):
 
     @model_validator(mode="after")
     def _agrees(self) -> Self:
-        if self.build_seconds > self.answer_seconds:
-            named = f"build_seconds, {self.build_seconds:g}, is more than answer_seconds, {self.answer_seconds:g}"
-            raise ValueError(f"{named}: nobody would wait for such a build")
+        if 2 * self.build_seconds > self.answer_seconds:
+            named = f"twice build_seconds, {self.build_seconds:g}, is more than answer_seconds, {self.answer_seconds:g}"
+            raise ValueError(f"{named}: a worker may hang, and what it built is tried once more")
         Keyring(self.api_keys)
         return self
 

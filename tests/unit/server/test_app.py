@@ -54,6 +54,8 @@ def test_keys_are_asked_for_in_front_of_everything(anonymous):
         assert document["paths"]["/v1/worlds"]["post"]["security"]
         assert "401" in document["paths"]["/v1/worlds"]["post"]["responses"]
         assert client.get("/livez").status_code == 200
+        metrics = client.get("/metrics", headers=bearer(reader)).text
+        assert 'chunkserver_requests_total{method="POST",route="other",status="403"} 1.0' in metrics
 
 
 def test_without_keys_nobody_is_asked(tmp_path):
@@ -72,5 +74,10 @@ def test_a_chunk_on_disk_outlives_the_server(tmp_path):
 
 
 def test_a_second_server_on_one_cache_is_refused(tmp_path):
-    with client_with(StubPool(), disk_cache=tmp_path), pytest.raises(StoreError):
-        create_app(Settings(workers=1, disk_cache=tmp_path), StubPool())
+    second = Settings(workers=1, disk_cache=tmp_path / "cache", data=tmp_path / "data")
+    with client_with(StubPool(), disk_cache=tmp_path / "cache"):
+        for _ in range(2):
+            with pytest.raises(StoreError, match="cache"):
+                create_app(second, StubPool())
+    with client_with(StubPool(), disk_cache=second.disk_cache, data=second.data) as client:
+        assert client.get(CHUNK).status_code == 200
