@@ -4,15 +4,20 @@ A closed loop: each connection sends its next request as soon as it has its answ
 machine with the server and its workers. CPU time is per request; the server's is its own process's, without workers.
 
 - Cold: every request is for another chunk at the surface of `terrain`; some are empty.
+- Batch: the same in batches of 512 chunks, one after the other, on one connection. Times are a chunk's: from the
+  request until its frame has come.
 - Warm: the same 64 chunks, all with a surface, again and again, out of the server's memory.
 - 304: the same with `If-None-Match`.
 - Bare ASGI: an application that only looks the path up, on the same HTTP server, with the same headers and bytes. How
   many times ours it is stands behind its figures.
 """
 
+import http.client
 import itertools
+import json
 import pickle
 import random
+import struct
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +29,7 @@ from typing import Final, NamedTuple
 import httpx2
 
 from benchmarks.bare import learn
-from benchmarks.load import Load, Request, send
+from benchmarks.load import LOAD_SECONDS_MAX, Load, Request, send
 from benchmarks.measure import MS, US, Figure, Line, Scale, in_turns
 from benchmarks.scenes import SCENES, SEED, layers, prepare
 from chunkserver.grid import ChunkKey
@@ -34,6 +39,9 @@ WORKERS: Final = (1, 2)
 CONNECTIONS: Final = 16
 SIDE: Final = 200
 """Chunks a side of the two layers, 80,000 chunks, that cold requests are taken from."""
+
+BATCH: Final = 512
+"""Chunks of one."""
 
 BARE: Final = ", bare ASGI"
 COMPARED: Final = ("requests", "server CPU")
@@ -84,12 +92,49 @@ def _cold(servers: dict[int, Server], scale: Scale) -> dict[str, Callable[[], Tu
     """Return the candidates whose every request is another chunk; each server is asked for the same ones."""
     keys = list(layers((-1, 0), SIDE))
     random.Random(SEED).shuffle(keys)
-    return {
+    most = max(servers)
+    batch = partial(_batch_turn, servers[most], map(chunk_request, reversed(keys)), scale.cold_requests)
+    turns: dict[str, Callable[[], Turn]] = {f"batch, {most} workers, 1 connection": batch}
+    return turns | {
         f"cold, {workers} worker{'s'[: workers - 1]}, {CONNECTIONS} connections": partial(
             _fresh_turn, server, map(chunk_request, iter(keys)), scale.cold_requests
         )
         for workers, server in servers.items()
     }
+
+
+def _batch_turn(server: Server, unasked: Iterator[Request], count: int) -> Turn:
+    """Ask for so many chunks in batches on one connection."""
+    before, load, started = _cpu_seconds(server.child.pid), Load(), time.perf_counter()
+    cpu_started = time.process_time()
+    client = http.client.HTTPConnection(server.url.removeprefix("http://"), timeout=LOAD_SECONDS_MAX)
+    while keys := [request.path.split("/")[-4:] for request in itertools.islice(unasked, min(BATCH, count))]:
+        count -= len(keys)
+        body = json.dumps({"chunks": [list(map(int, key)) for key in keys]})
+        begun = time.perf_counter()
+        client.request("POST", f"/v1/seeds/{SEED}/chunks", body, {"Content-Type": "application/json"})
+        _count_frames(client.getresponse(), load, begun)
+    client.close()
+    load.seconds, load.cpu_seconds = time.perf_counter() - started, time.process_time() - cpu_started
+    load.latencies.sort()
+    return Turn(load, _cpu_seconds(server.child.pid) - before)
+
+
+def _count_frames(answer: http.client.HTTPResponse, load: Load, begun: float) -> None:
+    """Count the frames as docs/wire/batch-v1.md has them: 16 bytes, then headers of 64 with bodies padded to 16."""
+    stream, at = bytearray(), 16
+    while piece := answer.read1(1 << 18):
+        stream += piece
+        while len(stream) >= at + 64:
+            body_bytes, index, status = struct.unpack_from("<IIH", stream, at)
+            size = 64 + -(-body_bytes // 16) * 16
+            if len(stream) < at + size:
+                break
+            at += size
+            if index != 0xFFFFFFFF:
+                load.count(str(status), time.perf_counter() - begun, size)
+        del stream[:at]
+        at = 0
 
 
 def _fresh_turn(server: Server, unasked: Iterator[Request], count: int) -> Turn:

@@ -197,7 +197,8 @@ class _Work:
                         return
         finally:
             deadline.cancel()
-            for building in self._building.values():
+            left, self._building = self._building, {}
+            for building in left.values():
                 self._service.cache.leave(building)
         yield end(len(self._items))
 

@@ -5,10 +5,15 @@ import struct
 from typing import Any, NamedTuple
 
 import pytest
+from fastapi import Request
 
 from chunkserver.errors import Overloaded
-from chunkserver.pipeline import Chunk
-from chunkserver.server.batch import CHUNKS_MAX, IN_FLIGHT_MAX, MEDIA_TYPE
+from chunkserver.grid import ChunkKey
+from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.recipe import WorldRecipe, builtin
+from chunkserver.server import Settings, create_app
+from chunkserver.server.batch import CHUNKS_MAX, IN_FLIGHT_MAX, MEDIA_TYPE, Batch, _Work
+from chunkserver.server.plan import Plan
 from tests.unit.server.stub import StubPool, client_of
 
 SEEDS, WORLDS = "/v1/seeds/42/chunks", "/v1/worlds/w/chunks"
@@ -206,3 +211,38 @@ def test_no_more_are_in_flight_than_allowed():
     with client_of(slow) as client:
         post(client, chunks=[[0, number, 0, 0] for number in range(3 * IN_FLIGHT_MAX)])
     assert slow.most == IN_FLIGHT_MAX
+
+
+def test_a_batch_that_is_closed_half_way_leaves_the_queue_once():
+    async def scenario():
+        never, asked = asyncio.get_running_loop().create_future(), []
+
+        class Never(StubPool):
+            async def build(self, request, begun, **rank):
+                asked.append((request, begun, rank))
+                return await asyncio.shield(never)
+
+        service = create_app(Settings(workers=1), Never()).state.service
+        template = ChunkRequest(WorldRecipe(1, builtin("plane")), ChunkKey(0, 0, 0, 0))
+        plan = Plan.of(template, {}, lambda: True)
+        batch = Batch(chunks=[(0, x, 0, 0) for x in range(100)])
+        work = _Work(service, plan, batch, Request({"type": "http", "headers": []}))
+        frames = work.frames(0)
+        assert (await anext(frames))[:4] == b"CHNB"
+        waiting = asyncio.ensure_future(anext(frames))
+        while len(asked) < IN_FLIGHT_MAX:
+            await asyncio.sleep(0)
+        joined = service.cache.get_or_build(plan.tag(ChunkKey(0, 1, 0, 0)), Never().build)
+        other = asyncio.ensure_future(joined)
+        await asyncio.sleep(0)
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        await asyncio.sleep(0)
+        (left,) = service.cache._building.values()
+        assert (left.waiters, other.done()) == (1, False)
+        never.set_result(Chunk("surface", b"late"))
+        assert (await other).body == b"late"
+        assert (left.waiters, len(asked)) == (0, IN_FLIGHT_MAX)
+
+    asyncio.run(scenario())
