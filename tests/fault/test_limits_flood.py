@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.fault.sockets import WAITING, connected_to, read_answer, resident_bytes
-from tests.scale import count
+from tests.scale import TORTURE, count
 from tests.serving import serving
 
 REQUESTS = count(40_000)
@@ -21,8 +21,9 @@ BODY_BYTES = 200 << 20
 PIECE = bytes(1 << 16)
 CHUNK = b"GET /v1/seeds/1/chunks/0/0/0/0 HTTP/1.1\r\nHost: x\r\n"
 LIVE = b"GET /livez HTTP/1.1\r\nHost: x\r\n"
-P99_SLACK_SECONDS = 0.002
-"""Of a machine that does other things too."""
+P99_SLACK_SECONDS = 0.002 if TORTURE else 0.1
+"""Of a machine that does other things too. The long run is the one that wants a quiet machine; in the short one others
+must not wait for the flood."""
 GROWTH_BYTES_MAX = 64 << 20
 
 
