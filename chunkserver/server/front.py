@@ -20,7 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from chunkserver.errors import BadKey, ChunkError, Overloaded
 from chunkserver.server.accept import urgency
 from chunkserver.server.answers import asked
-from chunkserver.server.chunks import reply
+from chunkserver.server.chunks import CLIENT_LEFT, reply
 from chunkserver.server.plan import Reply
 from chunkserver.server.problems import refusal
 from chunkserver.server.service import Service
@@ -72,7 +72,8 @@ class Front:
         except ChunkError as error:
             made = _refusal(scope, error)
         else:
-            self._answers.keep(wanted, plan, tag, made)
+            if made.status != CLIENT_LEFT:
+                self._answers.keep(wanted, plan, tag, made)
         return self._answers.start(wanted.origin, made), made.body
 
 

@@ -63,8 +63,8 @@ class Terrain(StubPool):
 class Service:
     """An application with the world `w`, and how often a request got behind its front."""
 
-    def __init__(self):
-        self.app = create_app(Settings(workers=1), Terrain())
+    def __init__(self, pool=None):
+        self.app = create_app(Settings(workers=1), pool or Terrain())
         self.shared = self.app.state.service
         self.passed = 0
         self.front = cast("Front", self.app.front)
@@ -83,7 +83,7 @@ class Service:
         self.passed += 1
         await self.plain(scope, receive, send)
 
-    async def ask(self, app, method, path, query="", accept=(), condition=(), coding=(), origin=()):
+    async def ask(self, app, method, path, query="", accept=(), condition=(), coding=(), origin=(), receive=None):
         told = []
 
         async def send(message):
@@ -108,7 +108,7 @@ class Service:
             "query_string": query.encode(),
             "headers": headers,
         }
-        await app(scope, Requests().receive, send)
+        await app(scope, receive or Requests().receive, send)
         start, *rest = told
         assert {message["type"] for message in rest} == {"http.response.body"}
         return start["status"], list(start["headers"]), b"".join(message["body"] for message in rest)
@@ -131,9 +131,9 @@ def tag_of(answer):
     return dict(answer[1]).get(b"etag", b'"none"').decode()
 
 
-def in_service(scenario):
+def in_service(scenario, pool=None):
     async def run():
-        async with Service() as service:
+        async with Service(pool) as service:
             await scenario(service)
 
     asyncio.run(run())
@@ -302,6 +302,43 @@ def test_a_failed_build_is_told_and_not_kept():
         assert (service.passed, service.shared.answers.refused) == (1, 1)
 
     in_service(scenario)
+
+
+class Slow(Terrain):
+    """Begins a build, and ends it once it is `released`."""
+
+    def __init__(self):
+        super().__init__()
+        self.begun, self.released = asyncio.Event(), asyncio.Event()
+
+    async def build(self, request, begun, **rank):
+        begun()
+        self.begun.set()
+        await self.released.wait()
+        return await super().build(request, begun, **rank)
+
+
+def test_what_nobody_read_is_not_the_answer_to_the_next():
+    async def scenario(service):
+        pool = service.shared.pool
+        pool.released.set()
+        await service.get(f"{SEED}/0/0")
+        pool.released.clear()
+        pool.begun.clear()
+
+        async def leave():
+            await pool.begun.wait()
+            return {"type": "http.disconnect"}
+
+        assert (await service.get(f"{SEED}/2/0", receive=leave))[0] == 499
+        pool.released.set()
+        while service.shared.cache.entries < 2:
+            await asyncio.sleep(0)
+        for _ in range(2):
+            assert (await service.get(f"{SEED}/2/0"))[0] == 204
+        assert (service.passed, len(pool.built)) == (1, 2)
+
+    in_service(scenario, Slow())
 
 
 def wanted_of(path, query=b"", headers=()):
