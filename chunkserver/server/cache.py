@@ -119,8 +119,9 @@ class ChunkCache:
         """
         building = self._building.get(key)
         if building is None:
-            building = self._building[key] = Building(key)
+            building = Building(key)
             building.chunk = asyncio.ensure_future(self._fill(building, build))
+            self._building[key] = building  # not before: `build` may raise at once
             building.chunk.add_done_callback(partial(self._filled, building))
         else:
             self.joined += 1

@@ -175,6 +175,19 @@ def test_a_failure_reaches_all_who_wait_and_is_not_kept():
     asyncio.run(scenario())
 
 
+def test_a_build_that_raises_at_once_is_in_nobodys_way():
+    def refuse(_begun):
+        raise ValueError("at once")
+
+    async def scenario():
+        cache, oven = ChunkCache(room_for(1)), Oven()
+        with pytest.raises(ValueError, match="at once"):
+            await cache.get_or_build("a", refuse)
+        assert (await cache.get_or_build("a", oven.build)).content == "surface"
+
+    asyncio.run(scenario())
+
+
 def test_an_entry_weighs_no_more_than_it_is_charged():
     async def scenario():
         count = 4096
