@@ -4,12 +4,13 @@
                                   -> the workers, IN_FLIGHT_MAX at a time, each as soon as it is done
 
 A browser opens six connections to a host, and a request costs more than a chunk that is ready: a batch has neither
-limit. When the client leaves, what is queued for it leaves the queue.
+limit. While the queue is full a batch waits, and asks again. When the client leaves, what is queued for it leaves too.
 """
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Iterator
+from collections import deque
+from collections.abc import AsyncIterator
 from functools import partial
 from http import HTTPStatus
 from typing import Annotated, Any, Final, NamedTuple
@@ -18,7 +19,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StrictInt
 
-from chunkserver.errors import BadKey, BadParameter, BadRecipe, Unavailable
+from chunkserver.errors import BadKey, BadParameter, BadRecipe, Overloaded, Unavailable
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk
 from chunkserver.server.accept import urgency
@@ -63,6 +64,8 @@ IN_FLIGHT_MAX: Final = 32
 """Chunks of one batch that wait for workers or are being built: a batch must not fill the queue for all others."""
 SEND_BYTES: Final = 1 << 18
 """What is ready is sent when it is so much, and when nothing more is ready."""
+REFUSED_SECONDS: Final = 0.1
+"""What the full queue has refused is asked for again when one of the batch's own chunks is done, or after this time."""
 BATCH_SECONDS_MAX: Final = 120.0
 """A batch that takes longer ends without its last frame."""
 
@@ -174,7 +177,9 @@ class _Work:
         self._request = request
         self._known = frozenset(batch.known)
         self._urgency = urgency(request.headers.get("priority", "").encode("latin-1"))
-        self._items = _in_order(plan, batch)
+        self._count = len(batch.chunks)
+        self._left = deque(_in_order(plan, batch))
+        self._held: asyncio.TimerHandle | None = None
         self._building: dict[int, Building] = {}
         self._ready: list[bytes] = []
         self._changed = asyncio.Event()
@@ -184,9 +189,8 @@ class _Work:
         clock = asyncio.get_running_loop()
         deadline = clock.call_later(BATCH_SECONDS_MAX, self._changed.set)
         self._ready.append(stream_header(world_revision))
-        items = iter(self._items)
         try:
-            while self._ask(items):
+            while self._ask():
                 if self._ready:
                     ready, self._ready = self._ready, []
                     yield b"".join(ready)
@@ -197,20 +201,29 @@ class _Work:
                         return
         finally:
             deadline.cancel()
+            self._go_on()
             left, self._building = self._building, {}
             for building in left.values():
                 self._service.cache.leave(building)
-        yield end(len(self._items))
+        yield end(self._count)
 
-    def _ask(self, items: Iterator[_Item]) -> bool:
+    def _ask(self) -> bool:
         """Go on until there is enough to send or to wait for. Return whether there is any."""
         size = 0
-        while len(self._building) < IN_FLIGHT_MAX and size < SEND_BYTES:
-            item = next(items, None)
-            if item is None:
-                break
-            size += self._ask_for(item)
-        return bool(self._ready or self._building)
+        while self._left and not self._held and len(self._building) < IN_FLIGHT_MAX and size < SEND_BYTES:
+            size += self._ask_for(self._left.popleft())
+        return bool(self._ready or self._building or self._left)
+
+    def _hold(self, item: _Item) -> None:
+        """Ask for `item` again later, and for nothing else before: the queue is full."""
+        self._left.appendleft(item)
+        self._held = self._held or asyncio.get_running_loop().call_later(REFUSED_SECONDS, self._go_on)
+
+    def _go_on(self) -> None:
+        if self._held:
+            self._held.cancel()
+            self._held = None
+            self._changed.set()
 
     def _ask_for(self, item: _Item) -> int:
         """Ask for one chunk. Return the bytes that could be told of it at once."""
@@ -220,10 +233,13 @@ class _Work:
         chunk = cache.find(tag)
         if chunk is not None:
             return self._tell_chunk(item, tag, chunk)
+        if self._service.pool.refuses(self._urgency, item.key.lod) and not cache.at_hand(tag):
+            self._hold(item)
+            return 0
         request = self._plan.request(item.key)
         distance = item.distance / request.cells
         build = partial(self._service.pool.build, request, urgency=self._urgency, distance=distance)
-        building = self._building[item.number] = cache.ask(tag, build)
+        building = self._building[item.number] = cache.ask(tag, build, self._urgency)
         building.chunk.add_done_callback(partial(self._built, item, tag))
         return 0
 
@@ -234,6 +250,9 @@ class _Work:
         self._service.cache.leave(building)
         try:
             self._tell_chunk(item, tag, made.result())
+            self._go_on()
+        except Overloaded:
+            self._hold(item)
         except (Exception, asyncio.CancelledError) as error:  # noqa: BLE001 - whatever it was, it is this chunk's alone
             told = refusal(self._request, error if isinstance(error, Exception) else Unavailable("it was given up"))
             self._tell(item, told.status_code, body=bytes(told.body))

@@ -13,6 +13,7 @@ from typing import Final
 
 from chunkserver.pipeline import Chunk
 from chunkserver.server.disk import DiskCache
+from chunkserver.server.job import URGENCY_DEFAULT
 
 ENTRY_BYTES: Final = 512
 """What an entry costs besides its body: key, chunk, list and table slots. An upper bound, held by its unit test."""
@@ -39,6 +40,7 @@ class Building:
     """
 
     key: str
+    urgency: int
     chunk: asyncio.Future[Chunk] = field(init=False)
     waiters: int = 0
     begun: bool = False
@@ -97,7 +99,7 @@ class ChunkCache:
         """Whether a chunk may be had without a build that was not begun: it is in memory, on its way, or on disk."""
         return key in self._kept or key in self._building or self.disk is not None
 
-    async def get_or_build(self, key: str, build: Build) -> Chunk:
+    async def get_or_build(self, key: str, build: Build, urgency: int = URGENCY_DEFAULT) -> Chunk:
         """Return the chunk named `key`, reading or building it at most once however many ask.
 
         A caller that is cancelled does not cancel the build: see `leave`. Raises what `build` raises, to everyone who
@@ -106,20 +108,22 @@ class ChunkCache:
         kept = self.find(key)
         if kept is not None:
             return kept
-        building = self.ask(key, build)
+        building = self.ask(key, build, urgency)
         try:
             return await asyncio.shield(building.chunk)
         finally:
             self.leave(building)
 
-    def ask(self, key: str, build: Build) -> Building:
+    def ask(self, key: str, build: Build, urgency: int = URGENCY_DEFAULT) -> Building:
         """Wait for the chunk named `key`, which is not in memory; it is on its way, or is now. `leave` ends the wait.
 
         This is what `get_or_build` is made of, for who asks for many chunks and wants no task for each.
+
+        urgency: of `build`. A build that is less urgent and has not begun is not joined: it may be refused, or late.
         """
         building = self._building.get(key)
-        if building is None:
-            building = Building(key)
+        if building is None or not (building.begun or building.urgency <= urgency):
+            building = Building(key, urgency)
             building.chunk = asyncio.ensure_future(self._fill(building, build))
             self._building[key] = building  # not before: `build` may raise at once
             building.chunk.add_done_callback(partial(self._filled, building))
@@ -132,8 +136,12 @@ class ChunkCache:
         """Wait no longer. When the last one leaves, what has not begun is cancelled; else it goes on into the cache."""
         building.waiters -= 1
         if not (building.waiters or building.begun or building.chunk.done()):
-            del self._building[building.key]  # at once: who comes now must not join what is being cancelled
+            self._forget(building)  # at once: who comes now must not join what is being cancelled
             building.chunk.cancel()
+
+    def _forget(self, building: Building) -> None:
+        if self._building.get(building.key) is building:
+            del self._building[building.key]
 
     async def close(self) -> None:
         """Close the disk cache, which writes what it has been given."""
@@ -156,14 +164,13 @@ class ChunkCache:
 
     def _filled(self, building: Building, chunk: asyncio.Future[Chunk]) -> None:
         """Keep what was made, before any who wait are told."""
-        if self._building.get(building.key) is building:
-            del self._building[building.key]
+        self._forget(building)
         if not chunk.cancelled() and chunk.exception() is None:
             self._keep(building.key, chunk.result())
 
     def _keep(self, key: str, chunk: Chunk) -> None:
         weight = _weight(chunk)
-        if weight > self.bytes_max:
+        if weight > self.bytes_max or key in self._kept:
             return
         while self.bytes + weight > self.bytes_max:
             self._drop_oldest()

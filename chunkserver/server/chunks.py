@@ -123,7 +123,7 @@ async def reply(
         return plan.not_modified(tag)
     chunk = service.cache.find(tag)
     if chunk is None:
-        building = service.cache.get_or_build(tag, partial(service.pool.build, request, urgency=urgent))
+        building = service.cache.get_or_build(tag, partial(service.pool.build, request, urgency=urgent), urgent)
         chunk = await while_there(receive, building)
     return Reply(CLIENT_LEFT, (), b"") if chunk is None else plan.found(tag, chunk)
 

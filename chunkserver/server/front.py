@@ -35,7 +35,8 @@ class Front:
         self._app = app
         self._service = service
         self._answers = service.answers
-        self._overloaded: Reply | None = None
+        overloaded = Overloaded("too many requests are waiting for a worker")
+        self._overloaded = _refusal({"type": "http", "headers": ()}, overloaded)  # ready: it is for when time is short
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, or let the application do it."""
@@ -62,14 +63,13 @@ class Front:
         tag = plan.tag(key)
         urgent = urgency(dict(scope["headers"]).get(b"priority"))
         service, known = self._service, wanted.knows(tag)
-        try:
-            if service.pool.refuses(urgent, key.lod) and not (known or service.cache.at_hand(tag)):
-                raise Overloaded("too many requests are waiting for a worker")
-            made = await reply(service, plan, plan.request(key), tag, known, receive, urgent)
-        except Overloaded as error:
+        if service.pool.refuses(urgent, key.lod) and not (known or service.cache.at_hand(tag)):
             self._answers.refused += 1
-            made = self._overloaded = self._overloaded or _refusal(scope, error)
+            return self._answers.start(wanted.origin, self._overloaded), self._overloaded.body
+        try:
+            made = await reply(service, plan, plan.request(key), tag, known, receive, urgent)
         except ChunkError as error:
+            self._answers.refused += isinstance(error, Overloaded)
             made = _refusal(scope, error)
         else:
             if made.status != CLIENT_LEFT:

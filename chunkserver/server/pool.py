@@ -261,6 +261,12 @@ class Pool:
             self._kill_workers()
             await fork_server.end()
 
+    def _retry_lost(self, count: int) -> None:
+        """Try the first of the lost jobs again: the fork server has outlived their workers."""
+        lost, self._lost_jobs = self._lost_jobs[:count], self._lost_jobs[count:]
+        for job in lost:
+            self._retry(job)
+
     def _kill_workers(self) -> None:
         """Their jobs wait again, now and not when the pipes are seen to end: this loss is no fault of theirs."""
         workers, self._workers = self._workers, set()
@@ -277,6 +283,7 @@ class Pool:
             if self._fresh() < self._count:
                 await self._start_worker(fork_server)
             else:
+                self._retry_lost(len(self._lost_jobs))  # whatever was to be forked in their place
                 self._ready.set()
                 self._changed.clear()
                 await self._changed.wait()
@@ -284,7 +291,7 @@ class Pool:
 
     async def _start_worker(self, fork_server: ForkServer) -> None:
         worker = Worker(self.tally, self._worker_idle, self._worker_lost)
-        lost = list(self._lost_jobs)
+        lost = len(self._lost_jobs)
         self._workers.add(worker)
         try:
             await fork_server.fork(worker)
@@ -295,9 +302,7 @@ class Pool:
         else:
             self._retry_seconds = RETRY_SECONDS
             _log.info("worker %d has started", worker.pid)
-            self._lost_jobs = self._lost_jobs[len(lost) :]
-            for job in lost:
-                self._retry(job)
+            self._retry_lost(lost)
 
     async def _pause(self) -> None:
         """Wait a little; twice as long as the last time, unless a worker has started since."""

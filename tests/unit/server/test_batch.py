@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import pytest
 from fastapi import Request
 
-from chunkserver.errors import Overloaded
+from chunkserver.errors import Overloaded, WorkerLost
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe, builtin
@@ -143,11 +143,34 @@ def test_a_batch_of_the_largest_size_and_a_chunk_twice(client, pool):
 
 def test_a_chunk_that_fails_is_told_in_its_frame(client, pool):
     post(client, chunks=[[0, 1, 0, 0]])
-    pool.error = Overloaded("too many", waiting=256)
+    pool.error = WorkerLost("twice", losses=2)
     frames = {frame.place: frame for frame in post(client, chunks=[[0, 0, 0, 0], [0, 1, 0, 0]])}
     assert (frames[0].status, frames[1].status) == (503, 200)
-    assert b"urn:chunkserver:problem:overloaded" in frames[0].body
+    assert b"urn:chunkserver:problem:worker-lost" in frames[0].body
     assert frames[0].tag == ""
+
+
+def test_while_the_queue_is_full_a_batch_waits():
+    class Full(Terrain):
+        """Refuses every other job, and says beforehand that it would for the first few times that it is asked."""
+
+        asked = refused = 0
+
+        def refuses(self, _urgency, _lod):
+            self.asked += 1
+            return self.asked < 3
+
+        async def build(self, request, begun, **rank):
+            self.refused += 1
+            if self.refused % 2:
+                raise Overloaded("too many")
+            return await super().build(request, begun, **rank)
+
+    full = Full()
+    with client_of(full) as client:
+        frames = post(client, chunks=[[0, number, 0, 0] for number in range(3 * IN_FLIGHT_MAX)])
+    assert {frame.status for frame in frames} == {200}
+    assert full.refused > 3 * IN_FLIGHT_MAX == len(full.built)
 
 
 @pytest.mark.parametrize(

@@ -221,3 +221,22 @@ def test_what_was_used_since_has_a_second_chance_and_the_rest_goes_oldest_first(
         assert (cache.entries, cache.evicted, cache.hits) == (3, 3, 1)
 
     asyncio.run(scenario())
+
+
+def test_a_less_urgent_build_is_not_joined_before_it_has_begun():
+    async def scenario():
+        cache, slow, quick = ChunkCache(room_for(1)), Oven(), Oven()
+        slow.lit = False
+        slow.heat.clear()
+        late = asyncio.create_task(cache.get_or_build("a", slow.build, urgency=7))
+        await asyncio.sleep(0)
+        same = asyncio.create_task(cache.get_or_build("a", slow.build, urgency=7))
+        await asyncio.sleep(0)
+        urgent = await cache.get_or_build("a", quick.build, urgency=0)
+        assert (slow.builds, quick.builds, cache.joined, late.done()) == (1, 1, 1, False)
+        slow.heat.set()
+        assert await late is await same
+        assert cache.find("a") is urgent
+        assert (cache.entries, cache.bytes) == (1, room_for(1))
+
+    asyncio.run(scenario())
