@@ -232,7 +232,7 @@ def test_a_less_urgent_build_is_not_joined_before_it_has_begun():
         await asyncio.sleep(0)
         same = asyncio.create_task(cache.get_or_build("a", slow.build, urgency=7))
         await asyncio.sleep(0)
-        urgent = await cache.get_or_build("a", quick.build, urgency=0)
+        urgent = await asyncio.wait_for(cache.get_or_build("a", quick.build, urgency=0), 10)
         assert (slow.builds, quick.builds, cache.joined, late.done()) == (1, 1, 1, False)
         slow.heat.set()
         assert await late is await same
