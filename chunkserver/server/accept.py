@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from chunkserver.server.job import URGENCY_DEFAULT
+from chunkserver.server.pool import URGENCY_DEFAULT
 
 RANGES_MAX: Final = 32
 """Media ranges, or codings, of one request that are read; the rest is ignored."""

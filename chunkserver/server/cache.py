@@ -13,7 +13,7 @@ from typing import Final
 
 from chunkserver.pipeline import Chunk
 from chunkserver.server.disk import DiskCache
-from chunkserver.server.job import URGENCY_DEFAULT
+from chunkserver.server.pool import URGENCY_DEFAULT
 
 ENTRY_BYTES: Final = 512
 """What an entry costs besides its body: key, chunk, list and table slots. An upper bound, held by its unit test."""

@@ -26,7 +26,7 @@ from chunkserver.errors import (
     Unavailable,
     WorkerLost,
 )
-from chunkserver.server.job import BuildFault
+from chunkserver.server.pool import BuildFault
 
 MEDIA_TYPE: Final = "application/problem+json"
 TYPE_PREFIX: Final = "urn:chunkserver:problem:"

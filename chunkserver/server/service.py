@@ -10,7 +10,7 @@ from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.connections import Connections
-from chunkserver.server.job import URGENCY_DEFAULT
+from chunkserver.server.pool import URGENCY_DEFAULT
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.request_counts import RequestCounts
 from chunkserver.server.store import WorldStore

@@ -9,8 +9,8 @@ from functools import partial
 import pytest
 
 from chunkserver.errors import BadKey, DeadlinePassed, Overloaded
-from chunkserver.server.job import URGENCY_DEFAULT, BuildFault
-from chunkserver.server.pool import LOSSES_MAX, Limits
+from chunkserver.server.pool import URGENCY_DEFAULT, BuildFault, Limits
+from chunkserver.server.pool.pool import LOSSES_MAX
 from chunkserver.worker import JOBS_PER_MEASURE
 from tests.fault import stub
 from tests.fault.pools import alive, fork_server, right, running, until, workers

@@ -12,8 +12,8 @@ import pytest
 import uvloop
 
 from chunkserver.errors import BadKey, DeadlinePassed, Overloaded, Unavailable, WorkerLost
-from chunkserver.server.job import BuildFault
-from chunkserver.server.pool import LOSSES_MAX, RETRY_SECONDS, Limits, Pool
+from chunkserver.server.pool import BuildFault, Limits, Pool
+from chunkserver.server.pool.pool import LOSSES_MAX, RETRY_SECONDS
 from tests.fault import stub
 from tests.fault.pools import Load, alive, children, fork_server, right, running, until, workers
 from tests.scale import count
@@ -229,7 +229,7 @@ def test_a_job_has_lost_nothing_when_its_worker_goes_with_the_fork_server(run, t
 
 
 def test_a_fork_server_that_is_stopped_is_replaced(run, monkeypatch):
-    monkeypatch.setattr("chunkserver.server.workers.START_SECONDS_MAX", 0.3)
+    monkeypatch.setattr("chunkserver.server.pool.workers.START_SECONDS_MAX", 0.3)
 
     async def scenario():
         async with running() as pool:

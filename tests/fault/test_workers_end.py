@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from chunkserver.errors import WorkerLost
-from chunkserver.server.pool import LOSSES_MAX
-from chunkserver.server.workers import FORK_SERVER
+from chunkserver.server.pool.pool import LOSSES_MAX
+from chunkserver.server.pool.workers import FORK_SERVER
 from tests.fault import stub
 from tests.fault.pools import alive, children, fork_server, open_files, right, running, until, workers
 from tests.scale import TORTURE

@@ -29,7 +29,7 @@ ONLY_IN = {
     **dict.fromkeys(("pydantic", "pydantic_core"), ("recipe", "server")),
     **dict.fromkeys(("numba", "llvmlite"), ("kernel",)),
     "apsw": ("catalogue",),
-    "lmdb": ("server",),
+    **dict.fromkeys(("lmdb", "prometheus_client", "pydantic_settings"), ("server",)),
     **dict.fromkeys(("backports", "compression"), ("wire",)),
 }
 """A third party's module -> the only ones of ours that may import it."""

@@ -9,8 +9,7 @@ from chunkserver.server import Settings, create_app
 from chunkserver.server.disk import DiskCache
 from chunkserver.server.histogram import SECONDS
 from chunkserver.server.metrics import TABLE, _Reading
-from chunkserver.server.pool import Pool
-from chunkserver.server.tally import Tally
+from chunkserver.server.pool import Pool, Tally
 from tests.unit.server.stub import StubPool, client_of
 
 CHUNK = "/v1/seeds/42/chunks/0/0/0/0.mesh"

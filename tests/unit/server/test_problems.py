@@ -6,7 +6,7 @@ from fastapi.testclient import TestClient
 from starlette.exceptions import HTTPException
 
 from chunkserver import errors
-from chunkserver.server.job import BuildFault
+from chunkserver.server.pool import BuildFault
 from chunkserver.server.problems import (
     MEDIA_TYPE,
     PROBLEMS,

@@ -35,8 +35,8 @@ from typing import Any, Final, cast
 from chunkserver.errors import ChunkError, DeadlinePassed, Unavailable, WireError
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.pipeline import Chunk
-from chunkserver.server.job import Job
-from chunkserver.server.tally import BUILD, Tally
+from chunkserver.server.pool.job import Job
+from chunkserver.server.pool.tally import BUILD, Tally
 from chunkserver.worker import FRAME_BYTES_MAX, HEADER, Built, Slot, Warmth, frame_bytes, slot_memory
 
 FORK_SERVER: Final = (sys.executable, "-P", "-m", "chunkserver.worker")

@@ -11,8 +11,8 @@ import pytest
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest
 from chunkserver.recipe import WorldRecipe
-from chunkserver.server.job import DISTANCE_MAX, FIRST, Job, Rank, rank
-from chunkserver.server.waiting import STANDING_SHARE, Waiting
+from chunkserver.server.pool.job import DISTANCE_MAX, FIRST, Job, Rank, rank
+from chunkserver.server.pool.waiting import STANDING_SHARE, Waiting
 
 SECONDS = 30.0
 USUAL = rank(3, 0.0, 0)

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from chunkserver.server.tally import Tally
-from chunkserver.server.workers import ForkServer, Worker
+from chunkserver.server.pool import Tally
+from chunkserver.server.pool.workers import ForkServer, Worker
 
 SLEEPER = (sys.executable, "-c", "import signal; signal.pause()")
 
@@ -22,7 +22,7 @@ def test_the_first_word_of_a_worker_for_which_nobody_waits_any_more():
 
 
 def test_the_word_of_a_fork_server_for_which_nobody_waits_any_more(monkeypatch):
-    monkeypatch.setattr("chunkserver.server.workers.WARM_SECONDS_MAX", 0.0)
+    monkeypatch.setattr("chunkserver.server.pool.workers.WARM_SECONDS_MAX", 0.0)
 
     async def scenario():
         fork_server = ForkServer(SLEEPER, lambda: None)

@@ -14,7 +14,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from typing import Final
 
-from chunkserver.server.job import FIRST, Job, Rank
+from chunkserver.server.pool.job import FIRST, Job, Rank
 
 STANDING_SHARE: Final = 1 / 3
 """Of the time from request to deadline. A lane whose oldest job has waited for so long has stood too long. What is left

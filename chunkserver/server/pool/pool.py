@@ -21,10 +21,10 @@ from typing import Final
 
 from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WireError, WorkerLost
 from chunkserver.pipeline import Chunk, ChunkRequest
-from chunkserver.server.job import URGENCY_DEFAULT, Job, rank
-from chunkserver.server.tally import QUEUE, Tally
-from chunkserver.server.waiting import Waiting
-from chunkserver.server.workers import FORK_SERVER, ForkServer, Worker
+from chunkserver.server.pool.job import URGENCY_DEFAULT, Job, rank
+from chunkserver.server.pool.tally import QUEUE, Tally
+from chunkserver.server.pool.waiting import Waiting
+from chunkserver.server.pool.workers import FORK_SERVER, ForkServer, Worker
 
 RETRY_SECONDS: Final = 0.05
 RETRY_SECONDS_MAX: Final = 5.0
