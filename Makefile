@@ -34,7 +34,7 @@ docs: $(DEV)
 lint: $(DEV)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy chunkserver tests benchmarks pages
+	$(BIN)/mypy chunkserver tests benchmarks pages clients/python clients/loadtest
 
 format: $(DEV)
 	$(BIN)/ruff check --fix-only
@@ -57,8 +57,9 @@ $(RUNTIME): pyproject.toml requirements.lock requirements-build.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
 	touch $@
 
-$(DEV): $(RUNTIME) requirements-dev.lock
+$(DEV): $(RUNTIME) requirements-dev.lock clients/python/pyproject.toml clients/loadtest/pyproject.toml
 	$(PIP_LOCKED) -r requirements-dev.lock
+	$(PIP) --no-deps --no-build-isolation --editable clients/python --editable clients/loadtest
 	touch $@
 
 $(NODE): tests/package.json tests/package-lock.json

@@ -1,0 +1,3 @@
+"""Client of chunkserver."""
+
+__version__ = "0.1.0"
