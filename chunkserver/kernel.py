@@ -33,8 +33,12 @@ import numba
 import platformdirs
 
 PACKAGE: Final = Path(__file__).parent
-NOT_IN_DIGEST: Final = ("__init__.py", "__main__.py", "catalogue.py", "errors.py", "worker.py", "server")
-"""What no byte of a chunk depends on: entry points, errors, where worlds are kept, the service around `build_chunk`."""
+NOT_IN_DIGEST: Final = (
+    *("__init__.py", "__main__.py", "commands", "catalogue.py", "errors.py", "worker.py", "server"),
+    "wire/reading",
+)
+"""What no byte of a chunk depends on: entry points, errors, where worlds are kept, the service around `build_chunk`;
+and the reader of files that are there already."""
 
 NOT_COMPILED: Final = (*NOT_IN_DIGEST, "recipe")
 """What no kernel is made of, beyond that."""
@@ -47,7 +51,7 @@ def sources_digest(package: Path, left_out: Collection[str] = NOT_IN_DIGEST) -> 
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package)
-        if name.parts[0] not in left_out:
+        if not any(name.is_relative_to(path) for path in left_out):
             source = path.read_bytes()
             digest.update(f"{name.as_posix()} {len(source)}\n".encode() + source)
     return digest.hexdigest()

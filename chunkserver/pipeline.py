@@ -97,13 +97,18 @@ def build_chunk(request: ChunkRequest, stage: Callable[[str], object] = lambda _
 
     Raises what `check_request` raises, and `BadRecipe` for a recipe that needs too many registers or is not finite.
     """
+    mesh = build_mesh(request, stage)
+    stage("encode")
+    return Chunk(mesh.content, encode(mesh, _placement(request), request.encoding))
+
+
+def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Mesh:
+    """Return what `build_chunk` encodes: the mesh, its normals of the kind that the encoding has. Raises the same."""
     check_request(request)
     stage("field")
     shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
     proven = prove(request.recipe, request.key, shape)
-    mesh = EMPTY[proven] if proven else _surface(request, shape, stage)
-    stage("encode")
-    return Chunk(mesh.content, encode(mesh, _placement(request), request.encoding))
+    return EMPTY[proven] if proven else _surface(request, shape, stage)
 
 
 def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], object]) -> Mesh:

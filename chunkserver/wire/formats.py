@@ -9,6 +9,7 @@ from chunkserver.wire import gltf, native
 from chunkserver.wire.buffers import check_mesh
 from chunkserver.wire.coding import CODINGS
 from chunkserver.wire.encoding import Encoding, Placement, check_placement
+from chunkserver.wire.reading import Findings, examine_gltf, examine_native
 
 
 class Format(NamedTuple):
@@ -17,6 +18,8 @@ class Format(NamedTuple):
     extension: what a URL or a file name ends in, with its dot.
     profiles, frames: the values of `Encoding` that are built; only the default where the field does not apply.
     encode: bytes of a mesh, a placement and an encoding that were checked.
+    magic: what every file of it begins with.
+    examine: what is in a file that begins so, and what is wrong with it. Raises nothing for what is in it.
     """
 
     name: str
@@ -25,11 +28,19 @@ class Format(NamedTuple):
     profiles: tuple[str, ...]
     frames: tuple[str, ...]
     encode: Callable[[Mesh, Placement, Encoding], bytes]
+    magic: bytes
+    examine: Callable[[bytes], Findings]
 
 
 _ROWS: Final = (
-    Format("mesh", ".mesh", "application/vnd.chunkserver.mesh", tuple(native.PROFILE_CODES), ("world",), native.encode),
-    Format("glb", ".glb", "model/gltf-binary", ("std",), ("world", "chunk"), gltf.encode),
+    Format(
+        *("mesh", ".mesh", "application/vnd.chunkserver.mesh", tuple(native.PROFILE_CODES), ("world",)),
+        *(native.encode, native.MAGIC, examine_native),
+    ),
+    Format(
+        *("glb", ".glb", "model/gltf-binary", ("std",), ("world", "chunk")),
+        *(gltf.encode, gltf.MAGIC, examine_gltf),
+    ),
 )
 FORMATS: Final = {row.name: row for row in _ROWS}
 

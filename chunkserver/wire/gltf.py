@@ -17,6 +17,7 @@ from chunkserver.wire.encoding import Encoding, Placement
 
 CONTAINER: Final = struct.Struct("<4s2I")
 CHUNK: Final = struct.Struct("<I4s")
+MAGIC: Final = b"glTF"
 VERSION: Final = 2
 ALIGNMENT: Final = 4
 
@@ -31,17 +32,22 @@ _JSON: Final = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 def encode(mesh: Mesh, placement: Placement, encoding: Encoding) -> bytes:
     """Return `mesh` as GLB. An empty mesh gives a node with its place and extras, and no mesh."""
+    buffers = [] if mesh.is_empty else [mesh.positions.astype("<u2", copy=False), mesh.normals, narrow_indices(mesh)]
+    return _container(scene_of(mesh, placement, encoding.frame, buffers), buffers)
+
+
+def scene_of(mesh: Mesh, placement: Placement, frame: str, buffers: list[NDArray[Any]]) -> dict[str, Any]:
+    """Return the JSON of a GLB. buffers: what its views hold, in their order; none for an empty mesh."""
     scene: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "chunkserver"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [_node(mesh, placement, encoding.frame)],
+        "nodes": [_node(mesh, placement, frame)],
     }
-    if mesh.is_empty:
-        return _container(scene, [])
-    buffers = [mesh.positions.astype("<u2", copy=False), mesh.normals, narrow_indices(mesh)]
+    if not buffers:
+        return scene
     scene["nodes"][0]["mesh"] = 0
-    return _container(scene | _geometry(mesh, buffers), buffers)
+    return scene | _geometry(mesh, buffers)
 
 
 def _node(mesh: Mesh, placement: Placement, frame: str) -> dict[str, Any]:
@@ -124,4 +130,4 @@ def _container(scene: dict[str, Any], buffers: list[NDArray[Any]]) -> bytes:
         padding = -byte_length % ALIGNMENT
         parts += [CHUNK.pack(byte_length + padding, b"BIN\0"), *(buffer.data for buffer in buffers), bytes(padding)]
     length = CONTAINER.size + sum(memoryview(part).nbytes for part in parts)
-    return b"".join([CONTAINER.pack(b"glTF", VERSION, length), *parts])
+    return b"".join([CONTAINER.pack(MAGIC, VERSION, length), *parts])

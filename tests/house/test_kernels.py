@@ -1,6 +1,7 @@
 """What kernels are made of: `chunkserver.kernel` names the folder of compiled code after all of it and nothing else."""
 
 import ast
+from pathlib import PurePath
 
 from chunkserver.kernel import NOT_COMPILED
 from tests.house.checkout import module, texts
@@ -32,8 +33,8 @@ def ingredients(sources: dict[str, str]) -> set[str]:
 
 def left_out(names: set[str]) -> list[str]:
     """Return those of `names` that the folder's digest does not cover."""
-    parts = {part.removesuffix(".py") for part in NOT_COMPILED} - {"__init__", "errors"}
-    return sorted(name for name in names if set(name.split(".")[1:2]) & parts)
+    paths = [PurePath(path).with_suffix("") for path in NOT_COMPILED if path not in ("__init__.py", "errors.py")]
+    return sorted(name for name in names if any(PurePath(*name.split(".")[1:]).is_relative_to(path) for path in paths))
 
 
 def test_no_kernel_is_made_of_what_its_folder_is_not_named_after():
@@ -51,3 +52,9 @@ def test_finds_a_constant_of_a_recipe_in_a_kernel():
         "chunkserver.field.c": "from chunkserver.recipe import nodes",
     }
     assert left_out(ingredients(sources)) == ["chunkserver.recipe"]
+
+
+def test_finds_a_part_of_a_room_that_is_left_out():
+    assert left_out({"chunkserver.wire.reading.native", "chunkserver.wire.native"}) == [
+        "chunkserver.wire.reading.native"
+    ]

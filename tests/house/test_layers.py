@@ -17,13 +17,14 @@ LINES = (
     ("pipeline",),
     ("worker",),
     ("server",),
+    ("commands",),
     ("__main__",),
 )
 """A line sees the lines above it here; the names on one line do not see each other."""
 
 HEIGHT = {unit: height for height, line in enumerate(LINES) for unit in line}
 
-OUTSIDE = ("server", "__main__")
+OUTSIDE = ("server", "commands", "__main__")
 ONLY_IN = {
     **dict.fromkeys(("asyncio", "fastapi", "starlette", "uvicorn", "httpx", "httpx2", "typer"), OUTSIDE),
     **dict.fromkeys(("pydantic", "pydantic_core"), ("recipe", "server")),
@@ -31,6 +32,8 @@ ONLY_IN = {
     "apsw": ("catalogue",),
     **dict.fromkeys(("lmdb", "prometheus_client", "pydantic_settings"), ("server",)),
     **dict.fromkeys(("backports", "compression"), ("wire",)),
+    **dict.fromkeys(("rich", "trimesh"), ("commands",)),
+    "importlib": ("commands",),
 }
 """A third party's module -> the only ones of ours that may import it."""
 
@@ -199,7 +202,7 @@ def test_finds_an_import_past_the_root():
 
 def test_finds_a_third_party_in_the_wrong_place():
     assert found_in("chunkserver/pipeline.py", "import asyncio") == [
-        "chunkserver/pipeline.py:1: asyncio may be imported in server and __main__ only"
+        "chunkserver/pipeline.py:1: asyncio may be imported in server and commands and __main__ only"
     ]
     assert found_in("chunkserver/worker.py", "from starlette.responses import Response")
     assert found_in("chunkserver/field/noise.py", "from numba import njit")

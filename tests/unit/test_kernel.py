@@ -102,7 +102,8 @@ def test_a_change_of_any_file_shows_but_in_the_service(tmp_path):
         if kernel.sources_digest(copy) == before:
             unseen.add(path.relative_to(copy).as_posix())
         path.write_bytes(source)
-    service = {f"server/{path.name}" for path in (copy / "server").glob("*.py")}
+    rooms = ("server", "commands", "wire/reading")
+    service = {path.relative_to(copy).as_posix() for room in rooms for path in (copy / room).rglob("*.py")}
     assert unseen == {"__init__.py", "__main__.py", "catalogue.py", "errors.py", "worker.py", *service}
 
 
