@@ -41,12 +41,14 @@ class Problem(ClientError):
     status: of HTTP.
     type, title, detail, instance: of the problem; "about:blank", or "" where it has none.
     values: the problem's further members, under the names of their parameters.
+    retry_after: seconds that the server asks to wait; 0 if it does not.
     """
 
-    def __init__(self, status: int, members: Mapping[str, Any]) -> None:
+    def __init__(self, status: int, members: Mapping[str, Any], retry_after: float = 0.0) -> None:
         texts = {name: _text(members, name) for name in ("type", "title", "detail", "instance")}
         super().__init__(f"{status} {texts['title']}: {texts['detail']}")
         self.status = status
+        self.retry_after = retry_after
         self.type = texts["type"] or "about:blank"
         self.title = texts["title"]
         self.detail = texts["detail"]
@@ -93,9 +95,9 @@ _BY_STATUS: Final[dict[int, type[Problem]]] = {
 }
 
 
-def problem(status: int, members: Mapping[str, Any]) -> Problem:
+def problem(status: int, members: Mapping[str, Any], retry_after: float = 0.0) -> Problem:
     """Return the `Problem` for an answer: the class that its status has, with what its body says."""
-    return _BY_STATUS.get(status, Problem)(status, members)
+    return _BY_STATUS.get(status, Problem)(status, members, retry_after)
 
 
 def _text(members: Mapping[str, Any], name: str) -> str:

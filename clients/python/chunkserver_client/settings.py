@@ -1,0 +1,35 @@
+"""What both clients are made of."""
+
+from typing import Final
+
+import httpx2
+
+from chunkserver_client.cache import AnswerCache
+from chunkserver_client.calls import Calls
+from chunkserver_client.coding import CODINGS, Coding
+from chunkserver_client.exchange import Exchange
+from chunkserver_client.retry import Retry
+from chunkserver_client.version import __version__
+
+CACHE_BYTES: Final = 1 << 26
+READY_SECONDS: Final = 120.0
+"""The first start of a version compiles its kernels."""
+TIMEOUT: Final = httpx2.Timeout(connect=5.0, read=40.0, write=10.0, pool=40.0)
+"""A server waits up to 30 s before it gives a chunk up."""
+USER_AGENT: Final = f"chunkserver-client/{__version__}"
+
+
+def calls_of(retry: Retry | None, cache_bytes: int, coding: Coding, timeout: httpx2.Timeout) -> Calls:
+    """Return the calls of a client. Raises `ValueError` for what makes no client."""
+    if coding not in CODINGS:
+        raise ValueError(f"coding is {coding!r}: there are {CODINGS}")
+    seconds = (timeout.connect, timeout.read, timeout.write, timeout.pool)
+    if timeout.read is None or None in seconds:
+        raise ValueError(f"{timeout}: a client that waits for ever is none")
+    return Calls(Exchange(retry or Retry(), AnswerCache(cache_bytes), timeout.read), coding)
+
+
+def headers_of(api_key: str | None, coding: Coding) -> dict[str, str]:
+    """Return the headers of every request."""
+    key = {} if api_key is None else {"authorization": f"Bearer {api_key}"}
+    return {"user-agent": USER_AGENT, "accept-encoding": coding, **key}
