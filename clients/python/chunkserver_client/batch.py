@@ -7,9 +7,10 @@ from typing import Final
 from chunkserver_client.answers import mesh_of
 from chunkserver_client.cache import Entry, head_of
 from chunkserver_client.coding import Coding, decoded
-from chunkserver_client.errors import BadAnswer, ClientError, Unavailable
-from chunkserver_client.exchange import BODY_BYTES_MAX, PROBLEM_MEDIA_TYPE, Exchange, checked, media_type, refusal
+from chunkserver_client.errors import BadAnswer, ClientError, Unavailable, problem
+from chunkserver_client.exchange import BODY_BYTES_MAX, Exchange, checked, media_type
 from chunkserver_client.frames import MEDIA_TYPE, Frame, FrameReader
+from chunkserver_client.json_tree import Json
 from chunkserver_client.mesh import ChunkKey
 from chunkserver_client.questions import (
     MEDIA_TYPES,
@@ -63,7 +64,8 @@ class Batch:
             try:
                 yield from self._stream(trial)
             except (Unavailable, BadAnswer, *LOST) as error:
-                yield Pause(self._pause_after(error, trial))
+                if self._missing:
+                    yield Pause(self._pause_after(error, trial))
         if self._failed:
             raise self._failed[0]
 
@@ -93,7 +95,7 @@ class Batch:
         )
         head = yield from self.exchange.open(request, trial)
         if head.status != 200 or media_type(head.headers) != MEDIA_TYPE:
-            answer = checked(Answer(head.status, head.headers, (yield from self.exchange.read(trial))), 200)
+            answer = checked((yield from self.exchange.rest(head, trial)), 200)
             raise BadAnswer(f"the media type is {media_type(answer.headers)!r}: expected {MEDIA_TYPE}")
         busy = yield from self._frames(wanted, trial)
         if busy is not None:
@@ -117,7 +119,7 @@ class Batch:
     def _take(self, frame: Frame, wanted: _Wanted) -> Steps[Unavailable | None]:
         """Deliver what is in a frame. Return the error if the chunk may be asked for again."""
         if frame.status >= 400:
-            error = refusal(frame.status, {"content-type": PROBLEM_MEDIA_TYPE}, frame.body)
+            error = problem(frame.status, Json.parse(frame.body).members())
             error.add_note(f"{wanted.key}")
             if isinstance(error, Unavailable):
                 return error

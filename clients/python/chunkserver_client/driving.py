@@ -86,7 +86,7 @@ class BlockingCall(_Call[Value]):
             time.sleep(step.seconds)
             return None
         self._response = self._http.send(http_request(self._http, step), stream=True)
-        self._pieces = self._response.iter_bytes()
+        self._pieces = self._response.iter_raw()
         return head(self._response)
 
     def _leave(self) -> None:
@@ -134,7 +134,7 @@ class AsyncCall(_Call[Value]):
             await asyncio.sleep(step.seconds)
             return None
         self._response = await self._http.send(http_request(self._http, step), stream=True)
-        self._pieces = self._response.aiter_bytes()
+        self._pieces = self._response.aiter_raw()
         return head(self._response)
 
     async def _leave(self) -> None:

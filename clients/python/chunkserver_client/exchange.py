@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from chunkserver_client.cache import AnswerCache, Entry
+from chunkserver_client.coding import decoded
 from chunkserver_client.errors import BadAnswer, Problem, Unavailable, problem
 from chunkserver_client.json_tree import Json
 from chunkserver_client.retry import Retry, Trial, given_up, retry_after
 from chunkserver_client.steps import LOST, NEVER_SENT, Answer, Head, Open, Pause, Read, Request, Steps, Value
 
 BODY_BYTES_MAX: Final = 1 << 26
-"""Of an answer, without its coding. A chunk of 64 cells whose every cell is full, in floats, has 36 MB."""
+"""Of an answer, with its coding and without. A chunk of 64 cells whose every cell is full, in floats, has 36 MB."""
 JSON_MEDIA_TYPE: Final = "application/json"
 PROBLEM_MEDIA_TYPE: Final = "application/problem+json"
 SHOWN_BYTES_MAX: Final = 200
@@ -58,13 +59,14 @@ class Exchange:
         head: Head = yield Open(request, max(0.0, min(self.read_seconds, trial.seconds_left)))
         return head
 
-    def read(self, trial: Trial) -> Generator[Any, Any, bytes]:
+    def rest(self, head: Head, trial: Trial) -> Steps[Answer]:
         """Read the body to its end. Raises `BadAnswer` if it is too long, or comes too slowly."""
         pieces, size = list[bytes](), 0
         while True:
             piece: bytes = yield Read()
             if not piece:
-                return b"".join(pieces)
+                coding = head.headers.get("content-encoding", "identity")
+                return Answer(head.status, head.headers, decoded(b"".join(pieces), coding, BODY_BYTES_MAX))
             pieces.append(piece)
             size += len(piece)
             if size > BODY_BYTES_MAX:
@@ -77,7 +79,7 @@ class Exchange:
         if entry is not None:
             request = replace(request, headers={**request.headers, "if-none-match": entry.tag})
         head = yield from self.open(request, trial)
-        answer = Answer(head.status, head.headers, (yield from self.read(trial)))
+        answer = yield from self.rest(head, trial)
         return answer if entry is None or answer.status != 304 else _confirmed(entry, answer)
 
 

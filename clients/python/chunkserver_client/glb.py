@@ -23,6 +23,7 @@ from chunkserver_client.mesh import (
     Content,
     Place,
     Triple,
+    check_bounds,
     check_triangles,
     empty_mesh,
     view,
@@ -33,6 +34,10 @@ VERSION: Final = 2
 JSON_BYTES_MAX: Final = 1 << 16
 QUANTIZATION: Final = "KHR_mesh_quantization"
 TRIANGLES: Final = 4
+ACCESSORS_MAX: Final = 1 << 10
+"""Of accessors and of views of the buffer: three, in what chunkserver writes."""
+STRIDE_MAX: Final = 252
+OFFSET_MAX: Final = (1 << 32) - 1
 I8, U16, U32 = 5120, 5123, 5125
 
 _CONTAINER: Final = struct.Struct("<4s2I")
@@ -118,10 +123,12 @@ def _mesh(scene: Json, mesh: int, binary: memoryview, *, place: Place, revision:
     if mode is not None:
         mode.integer(TRIANGLES, TRIANGLES)
     attributes = primitive["attributes"]
-    position = _accessor(scene, attributes["POSITION"], VERTICES_MAX)
+    position = _accessor(scene, attributes["POSITION"], normalized=False)
     positions = _array(scene, position, binary, (U16,), "VEC3")
-    normals = _array(scene, _accessor(scene, attributes["NORMAL"], VERTICES_MAX), binary, (I8,), "VEC3")
-    indices = _array(scene, _accessor(scene, primitive["indices"], INDICES_MAX), binary, (U16, U32), "SCALAR")
+    normals = _array(scene, _accessor(scene, attributes["NORMAL"], normalized=True), binary, (I8,), "VEC3")
+    indices = _array(scene, _accessor(scene, primitive["indices"], normalized=False), binary, (U16, U32), "SCALAR")
+    low, high = _corner(position["min"]), _corner(position["max"])
+    check_bounds(low, high)
     if len(normals) != len(positions) or len(indices) % 3:
         raise BadChunk(f"{len(positions)} positions, {len(normals)} normals, {len(indices)} indices")
     if not indices.flags.c_contiguous:
@@ -134,8 +141,8 @@ def _mesh(scene: Json, mesh: int, binary: memoryview, *, place: Place, revision:
         content="surface",
         revision=revision,
         coarser=coarser,
-        low=_corner(position["min"]),
-        high=_corner(position["max"]),
+        low=low,
+        high=high,
         positions=positions,
         normals=normals,
         triangles=indices.reshape(-1, 3),
@@ -147,9 +154,11 @@ def _corner(values: Json) -> Triple:
     return x, y, z
 
 
-def _accessor(scene: Json, number: Json, count_max: int) -> Json:
-    accessor = scene["accessors"][number.integer(0, INDICES_MAX)]
-    accessor["count"].integer(0, count_max)
+def _accessor(scene: Json, number: Json, *, normalized: bool) -> Json:
+    accessor = scene["accessors"][number.integer(0, ACCESSORS_MAX)]
+    stated = accessor.get("normalized")
+    if (stated is not None and stated.boolean()) != normalized:
+        accessor["normalized"].refuse(str(normalized))
     if accessor.get("sparse") is not None:
         accessor["sparse"].refuse("nothing")
     return accessor
@@ -162,8 +171,8 @@ def _array(scene: Json, accessor: Json, binary: memoryview, types: tuple[int, ..
         accessor["type"].refuse(f"{shape} of one of {types}")
     dtype, size = _DTYPES[component_type]
     components = _COMPONENTS[shape]
-    count = accessor["count"].integer(0, INDICES_MAX)
-    source = scene["bufferViews"][accessor["bufferView"].integer(0, INDICES_MAX)]
+    count = accessor["count"].integer(0, INDICES_MAX if shape == "SCALAR" else VERTICES_MAX)
+    source = scene["bufferViews"][accessor["bufferView"].integer(0, ACCESSORS_MAX)]
     source["buffer"].integer(0, 0)
     start = _offset(source)
     byte_length = source["byteLength"].integer(0, len(binary))
@@ -176,10 +185,10 @@ def _array(scene: Json, accessor: Json, binary: memoryview, types: tuple[int, ..
         count,
         components,
         _offset(accessor),
-        size * components if stride is None else stride.integer(size * components, 255),
+        size * components if stride is None else stride.integer(size * components, STRIDE_MAX),
     )
 
 
 def _offset(holder: Json) -> int:
     offset = holder.get("byteOffset")
-    return 0 if offset is None else offset.integer(0, (1 << 32) - 1)
+    return 0 if offset is None else offset.integer(0, OFFSET_MAX)

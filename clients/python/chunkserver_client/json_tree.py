@@ -11,6 +11,8 @@ from typing import Any, Final, NoReturn, TypeVar
 from chunkserver_client.errors import BadAnswer
 
 SHOWN_CHARACTERS_MAX: Final = 80
+SHOWN_BITS_MAX: Final = 64
+DECIMAL_CHARACTERS_MAX: Final = 20
 
 Known = TypeVar("Known", bound=str)
 
@@ -18,12 +20,15 @@ Known = TypeVar("Known", bound=str)
 class Json:
     """One value of a JSON text, and the way to it."""
 
-    __slots__ = ("_error", "_path", "_value")
+    __slots__ = ("_above", "_error", "_name", "_value")
 
-    def __init__(self, value: Any, error: type[BadAnswer] = BadAnswer, path: str = "$") -> None:
+    def __init__(
+        self, value: Any, error: type[BadAnswer] = BadAnswer, above: "Json | None" = None, name: str | int = "$"
+    ) -> None:
         self._value = value
         self._error = error
-        self._path = path
+        self._above = above
+        self._name = name
 
     @classmethod
     def parse(cls, text: bytes, error: type[BadAnswer] = BadAnswer) -> "Json":
@@ -35,21 +40,18 @@ class Json:
 
     def refuse(self, expected: str) -> NoReturn:
         """Raise the error that says what was expected here."""
-        raise self._error(f"{self._path}: expected {expected}, found {_shown(self._value)}")
+        raise self._error(f"{self._path()}: expected {expected}, found {_shown(self._value)}")
 
     def __getitem__(self, name: str | int) -> "Json":
-        found = self.get(name)
-        if found is None:
-            raise self._error(f"{self._path_of(name)}: is missing")
-        return found
+        return self.get(name) or Json(None, self._error, self, name).refuse("a value")
 
     def get(self, name: str | int) -> "Json | None":
         """Return a member of an object or an element of a list; None if it is not there, or null."""
         found = self.members().get(name) if isinstance(name, str) else next(iter(self.elements()[name:][:1]), None)
-        return None if found is None else Json(found, self._error, self._path_of(name))
+        return None if found is None else Json(found, self._error, self, name)
 
     def __iter__(self) -> Iterator["Json"]:
-        return (Json(value, self._error, self._path_of(at)) for at, value in enumerate(self.elements()))
+        return (Json(value, self._error, self, at) for at, value in enumerate(self.elements()))
 
     def members(self) -> dict[str, Any]:
         """Return the object that this is."""
@@ -89,13 +91,22 @@ class Json:
     def decimal(self, low: int, high: int) -> int:
         """Return the integer whose decimal string this is: no sign but a minus, no leading zeros."""
         text = self.text()
-        value = int(text) if len(text) <= 20 and text.removeprefix("-").isdecimal() and text.isascii() else None
+        value = (
+            int(text)
+            if len(text) <= DECIMAL_CHARACTERS_MAX and text.removeprefix("-").isdecimal() and text.isascii()
+            else None
+        )
         if value is None or str(value) != text or not low <= value <= high:
             self.refuse(f"a decimal string from {low} to {high}")
         return value
 
-    def _path_of(self, name: str | int) -> str:
-        return f"{self._path}.{name}" if isinstance(name, str) else f"{self._path}[{name}]"
+    def _path(self) -> str:
+        names: list[str] = []
+        at: Json | None = self
+        while at is not None:
+            names.append(str(at._name))
+            at = at._above
+        return ".".join(reversed(names))
 
 
 def _no_constant(name: str) -> NoReturn:
@@ -105,4 +116,6 @@ def _no_constant(name: str) -> NoReturn:
 def _shown(value: Any) -> str:
     if isinstance(value, (dict, list)):
         return f"{type(value).__name__} of {len(value)}"
-    return repr(value)[:SHOWN_CHARACTERS_MAX] if not isinstance(value, int) else f"{value:.6g}"
+    if isinstance(value, int) and value.bit_length() > SHOWN_BITS_MAX:
+        return f"an integer of {value.bit_length()} bits"
+    return repr(value)[:SHOWN_CHARACTERS_MAX]

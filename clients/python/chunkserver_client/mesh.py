@@ -204,6 +204,12 @@ def view(content: memoryview, dtype: str, count: int, components: int, offset: i
     return array
 
 
+def check_bounds(low: Triple, high: Triple) -> None:
+    """Raise `BadChunk` if the bounds are the wrong way round."""
+    if any(least > most for least, most in zip(low, high, strict=True)):
+        raise BadChunk(f"low is {low}, above high, {high}")
+
+
 def check_triangles(triangles: NDArray[Any], vertices: int) -> None:
     """Raise `BadChunk` if an index names no vertex."""
     highest = int(triangles.max(initial=0))

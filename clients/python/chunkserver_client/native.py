@@ -23,6 +23,7 @@ from chunkserver_client.mesh import (
     Place,
     Profile,
     Triple,
+    check_bounds,
     check_triangles,
     empty_mesh,
     view,
@@ -136,8 +137,7 @@ def _read_header(content: memoryview) -> _Header:
     stated = header.geometric_error
     if stated != NOT_STATED and not (math.isfinite(stated) and stated >= 0):
         raise BadChunk(f"geometric_error is {stated}: metres, or -1 where it is not stated")
-    if any(low > high for low, high in zip(header.low, header.high, strict=True)):
-        raise BadChunk(f"low is {header.low}, above high, {header.high}")
+    check_bounds(header.low, header.high)
     return header
 
 

@@ -80,7 +80,7 @@ def batch_request(
     if known:
         body["known"] = known
     path = f"{world.path}/chunks{_query(world, options)}"
-    return posted(path, body, {"accept": frames.MEDIA_TYPE, **_priority(options)})
+    return posted(path, body, {"accept": frames.MEDIA_TYPE, "accept-encoding": "identity", **_priority(options)})
 
 
 def posted(url: str, body: Any, headers: Mapping[str, str] | None = None) -> Request:

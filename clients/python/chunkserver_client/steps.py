@@ -67,7 +67,7 @@ class Open:
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """Read some more of the body."""
+    """Read some more of the body, in its content coding."""
 
 
 @dataclass(frozen=True, slots=True)
