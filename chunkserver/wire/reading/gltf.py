@@ -61,7 +61,7 @@ def examine(file: bytes) -> Findings:
         placement, content = _place(parts.scene)
         facts |= _place_facts(placement, content, parts)
         mesh = EMPTY[content] if content != "surface" else _mesh(parts)
-        facts |= _mesh_facts(mesh, placement)
+        facts |= _mesh_facts(mesh, placement, parts.at)
         faults += _scene_faults(mesh, placement, facts["frame"], parts)
         faults += _mesh_faults(mesh, parts)
     except _Broken as broken:
@@ -220,7 +220,8 @@ def _count(scene: Any, accessor: int, count_max: int) -> int:
     return found
 
 
-def _mesh_facts(mesh: Mesh, placement: Placement) -> dict[str, Any]:
+def _mesh_facts(mesh: Mesh, placement: Placement, at: int) -> dict[str, Any]:
+    """at: where in the file the views begin."""
     facts: dict[str, Any] = {"vertices": len(mesh.positions), "triangles": len(mesh.triangles), "bounds": None}
     if mesh.is_empty:
         return {**facts, "blocks": []}
@@ -233,7 +234,7 @@ def _mesh_facts(mesh: Mesh, placement: Placement) -> dict[str, Any]:
             "type": buffer.dtype.name,
             "components": buffer.shape[1] if name != "indices" else 1,
             "stride": view.get("byteStride", buffer.itemsize),
-            "offset": view["byteOffset"],
+            "offset": at + view["byteOffset"],
             "bytes": view["byteLength"],
         }
         for name, buffer, view in zip(

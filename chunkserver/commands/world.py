@@ -1,0 +1,157 @@
+"""`chunkserver world`: the worlds that a folder keeps, while no server runs on it."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from chunkserver.catalogue import FILE_NAME, LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, Catalogue, World
+from chunkserver.commands.given import RecipeOption, SeedOption, recipe_of
+from chunkserver.commands.saying import end, say_json, say_table
+from chunkserver.errors import StoreError
+from chunkserver.field import prove
+from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
+from chunkserver.pipeline import ChunkRequest, check_request, generator
+from chunkserver.recipe import RECIPE_DEFAULT, WorldRecipe
+from chunkserver.server import Settings, with_settings
+from chunkserver.worker import warm
+
+app: Final = typer.Typer(
+    no_args_is_help=True, add_completion=False, rich_markup_mode=None, help="The worlds that a folder keeps."
+)
+
+JsonOption = Annotated[bool, typer.Option("--json", help="As JSON.")]
+IdArgument = Annotated[str, typer.Argument(metavar="ID", help="What URLs call it: a-z, 0-9, _ and -.")]
+Origins = Mapping[str, str]
+
+_MIDDLE: Final = ChunkKey(0, 0, 0, 0)
+
+
+@app.command("list")
+@with_settings("data")
+def list_command(settings: Settings, _origins: Origins, as_json: JsonOption = False) -> None:
+    """List the worlds of a folder."""
+    with _opened(settings) as catalogue:
+        worlds = catalogue.page("", WORLDS_MAX)
+    if as_json:
+        say_json([_described(world) for world in worlds])
+        return
+    head = ("world", "seed", "recipe", "cells", "voxel", "lods", "revision", "created")
+    say_table(head, [_row(world) for world in worlds])
+
+
+@app.command("show")
+@with_settings("data")
+def show_command(settings: Settings, _origins: Origins, name: IdArgument, as_json: JsonOption = False) -> None:
+    """Say what a world is."""
+    with _opened(settings) as catalogue:
+        described = _described(_existing(catalogue, name))
+    if as_json:
+        say_json(described)
+        return
+    width = max(map(len, described))
+    for member, value in described.items():
+        typer.echo(f"{member:<{width}}  {value}")
+
+
+@app.command("create")
+@with_settings("data")
+def create_command(
+    settings: Settings,
+    _origins: Origins,
+    name: IdArgument,
+    recipe: RecipeOption = RECIPE_DEFAULT,
+    seed: SeedOption = 0,
+    voxel_size: Annotated[
+        float, typer.Option("--voxel-size", metavar="METRES", help="Of one voxel.")
+    ] = VOXEL_SIZE_DEFAULT,
+    lods: Annotated[int, typer.Option("--lods", metavar="NUMBER", help="Levels of detail.")] = LODS_DEFAULT,
+    cells: Annotated[int, typer.Option("--cells", metavar="16|32|64", help="Cells a side of a chunk.")] = CELLS_DEFAULT,
+) -> None:
+    """Create a world; and the folder, if there is none."""
+    given = recipe_of(recipe)
+    pristine = WorldRecipe(seed, given.source)
+    world = World(
+        id=name,
+        recipe=pristine,
+        recipe_name=given.name or pristine.digest,
+        generator=generator(pristine),
+        voxel_size=voxel_size,
+        lods=lods,
+        chunk_cells=cells,
+    )
+    check_request(ChunkRequest(pristine, _MIDDLE, cells, voxel_size))
+    warm()
+    prove(pristine, _MIDDLE, ChunkShape(cells))
+    with _opened(settings, new=True) as catalogue:
+        if catalogue.create(world) is not world:
+            end(f"there is a world {name!r} already")
+    typer.echo(f"{name} is created, epoch {world.epoch}")
+
+
+@app.command("delete")
+@with_settings("data")
+def delete_command(
+    settings: Settings,
+    _origins: Origins,
+    name: IdArgument,
+    sure: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Delete a world for good."""
+    with _opened(settings) as catalogue:
+        _existing(catalogue, name)
+        if not sure and not typer.confirm(f"Delete {name!r} with all its edits?", err=True):
+            end("nothing was deleted")
+        catalogue.delete(name)
+    typer.echo(f"{name} is deleted")
+
+
+@contextmanager
+def _opened(settings: Settings, new: bool = False) -> Iterator[Catalogue]:
+    """Open the folder that is chosen, alone. Raises `StoreError`: it says what to do if a server runs on it."""
+    if settings.data is None:
+        raise typer.BadParameter("where the worlds are kept is needed: --data DIR")
+    with closing(_catalogue(settings.data, new)) as catalogue:
+        yield catalogue
+
+
+def _catalogue(folder: Path, new: bool) -> Catalogue:
+    if not new and not (folder / FILE_NAME).exists():
+        raise StoreError(f"{folder} holds no worlds: there is no {FILE_NAME} in it", folder=str(folder))
+    try:
+        return Catalogue(folder)
+    except StoreError as error:
+        if isinstance(error.__cause__, BlockingIOError):
+            end(f"{error.message}. Stop it, or ask it: its worlds are at /v1/worlds, over HTTP")
+        raise
+
+
+def _existing(catalogue: Catalogue, name: str) -> World:
+    world = catalogue.find(name)
+    if world is None:
+        end(f"there is no world {name!r} in {catalogue.folder}")
+    return world
+
+
+def _row(world: World) -> tuple[str, ...]:
+    numbers = (str(world.chunk_cells), f"{world.voxel_size:g} m", str(world.lods), str(world.revision))
+    return (world.id, str(world.recipe.seed), world.recipe_name, *numbers, world.created)
+
+
+def _described(world: World) -> dict[str, Any]:
+    """Return what the HTTP API says of it too, by the same names."""
+    return {
+        "id": world.id,
+        "epoch": world.epoch,
+        "revision": str(world.revision),
+        "created": world.created,
+        "seed": str(world.recipe.seed),
+        "recipe": world.recipe_name,
+        "generator": world.generator,
+        "generator_is_current": world.generator == generator(world.recipe),
+        "voxel_size": world.voxel_size,
+        "lods": world.lods,
+        "chunk_cells": world.chunk_cells,
+    }
