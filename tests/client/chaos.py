@@ -136,13 +136,19 @@ def refuse(retry_after: str) -> Fault:
 
 
 class Proxy:
-    """A running proxy. requests: the head of each request that came. target: the server's URL; it may be changed."""
+    """A running proxy.
+
+    requests, bodies: head, in lower case, and body of each request that came.
+    target: the server's URL; it may be changed.
+    """
 
     def __init__(self, target: str, faults: tuple[Fault, ...]) -> None:
         self.target = target
         self.requests: list[str] = []
+        self.bodies: list[str] = []
         self.url = ""
         self._faults = list(faults)
+        self._exchanges: set[asyncio.Task[None]] = set()
         self._ready = threading.Event()
         self._ended: asyncio.Event
         self._loop: asyncio.AbstractEventLoop
@@ -159,6 +165,10 @@ class Proxy:
         self._thread.join(STOP_SECONDS_MAX)
         assert not self._thread.is_alive()
 
+    def hang_up(self) -> None:
+        """End all exchanges where they are, and go on listening."""
+        self._loop.call_soon_threadsafe(lambda: [task.cancel() for task in self._exchanges])
+
     async def _serve(self) -> None:
         self._ended, self._loop = asyncio.Event(), asyncio.get_running_loop()
         server = await asyncio.start_server(self._connected, "127.0.0.1", 0, limit=HEAD_BYTES_MAX)
@@ -166,18 +176,21 @@ class Proxy:
         self._ready.set()
         await self._ended.wait()
         server.close()
-        others = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in others:
+        for task in self._exchanges:
             task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        await asyncio.gather(*self._exchanges, return_exceptions=True)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        exchange = asyncio.ensure_future(self._exchange(reader, writer))
+        self._exchanges.add(exchange)
         try:
-            async with asyncio.timeout(EXCHANGE_SECONDS_MAX):
-                await self._exchange(reader, writer)
+            await asyncio.wait_for(exchange, EXCHANGE_SECONDS_MAX)
+        except asyncio.CancelledError:
+            pass  # the proxy hangs up
         except (OSError, asyncio.IncompleteReadError, TimeoutError):
             pass  # one of both sides has left, or does not listen: the other one sees a closed connection
         finally:
+            self._exchanges.discard(exchange)
             writer.close()
 
     async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -186,6 +199,7 @@ class Proxy:
         _, _, length = text.partition("\r\ncontent-length: ")
         body = await reader.readexactly(int(length.partition("\r\n")[0] or 0))
         self.requests.append(text)
+        self.bodies.append(body.decode("latin-1"))
         exchange = Exchange(head + body, self.target, writer)
         try:
             await (self._faults.pop(0) if self._faults else none)(exchange)

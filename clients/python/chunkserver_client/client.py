@@ -1,5 +1,6 @@
 """The client that blocks. `async_client.py` has the same for the event loop."""
 
+import ssl
 from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Self, Unpack
@@ -13,7 +14,7 @@ from chunkserver_client.driving import BlockingCall, Returned
 from chunkserver_client.mesh import ChunkMesh
 from chunkserver_client.questions import AnyWorld, ChunkOptions, Key, RecipeTree
 from chunkserver_client.retry import Retry
-from chunkserver_client.settings import CACHE_BYTES, READY_SECONDS, TIMEOUT, calls_of, headers_of
+from chunkserver_client.settings import CACHE_BYTES, READY_SECONDS, TIMEOUT, calls_of, headers_of, tls_of
 from chunkserver_client.steps import Steps, Value
 
 
@@ -28,6 +29,7 @@ class Client:
     cache_bytes: of answers that are kept in memory; 0 keeps none.
     coding: how chunks travel.
     timeout: seconds for connecting, each read, each write, and for a free connection.
+    tls: for https, where the default's authorities are not the right ones.
     transport: of httpx2, for what its own cannot do.
 
     Every method raises `Problem` for an answer that is an error, `BadAnswer` for one that is not what the documents
@@ -43,11 +45,17 @@ class Client:
         cache_bytes: int = CACHE_BYTES,
         coding: Coding = "zstd",
         timeout: httpx2.Timeout = TIMEOUT,
+        tls: ssl.SSLContext | None = None,
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         self._calls: Calls = calls_of(retry, cache_bytes, coding, timeout)
-        headers = headers_of(api_key, coding)
-        self._http = httpx2.Client(base_url=url, headers=headers, timeout=timeout, transport=transport)
+        self._http = httpx2.Client(
+            base_url=url,
+            headers=headers_of(api_key, coding),
+            timeout=timeout,
+            verify=tls_of(url, tls),
+            transport=transport,
+        )
 
     def __enter__(self) -> Self:
         return self

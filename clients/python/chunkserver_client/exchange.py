@@ -8,7 +8,7 @@ from chunkserver_client.cache import AnswerCache, Entry
 from chunkserver_client.coding import decoded
 from chunkserver_client.errors import BadAnswer, Problem, Unavailable, problem
 from chunkserver_client.json_tree import Json
-from chunkserver_client.retry import Retry, Trial, given_up, retry_after
+from chunkserver_client.retry import Retry, Trial, give_up, retry_after
 from chunkserver_client.steps import LOST, NEVER_SENT, Answer, Head, Open, Pause, Read, Request, Steps, Value
 
 BODY_BYTES_MAX: Final = 1 << 26
@@ -44,9 +44,10 @@ class Exchange:
             except Unavailable as error:
                 pause = trial.pause_after(error)
             except (BadAnswer, *LOST) as error:
-                self.cache.drop(request)
+                if isinstance(error, BadAnswer):
+                    self.cache.drop(request)
                 if not (request.repeatable or isinstance(error, NEVER_SENT)):
-                    raise given_up(error) from error.__cause__
+                    give_up(error)
                 pause = trial.pause_after(error)
             else:
                 if request.cached:

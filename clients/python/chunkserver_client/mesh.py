@@ -152,7 +152,7 @@ class ChunkMesh:
         not at all if that is a power of two. So vertices that are equal stay equal, and for an origin nearby the
         numbers are small enough for float32. Raises `ValueError` if `origin` lies outside the world.
         """
-        if not all(isinstance(voxel, int) and abs(voxel) <= VOXELS_MAX for voxel in origin):
+        if len(origin) != 3 or not all(isinstance(voxel, int) and abs(voxel) <= VOXELS_MAX for voxel in origin):
             raise ValueError(f"origin is {origin}: three integers, within {VOXELS_MAX} voxels of zero")
         start = np.array(origin, np.int64) * (UNITS_PER_SIDE // self.cells)
         metres: NDArray[np.float64] = np.multiply(

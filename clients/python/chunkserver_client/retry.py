@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
-from typing import Final
+from typing import Final, NoReturn
 
 from chunkserver_client.errors import ClientError, Unavailable, Unreachable
 
@@ -74,18 +74,16 @@ class Trial:
         )
         asked = error.retry_after if isinstance(error, Unavailable) else 0.0
         pause = asked + self._jitter(0.0, longest)
-        if self._failures < self._retry.attempts_max and pause < self.seconds_left:
-            return pause
-        raise given_up(error, self._failures)
+        if self._failures >= self._retry.attempts_max or pause >= self.seconds_left:
+            give_up(error, self._failures)
+        return pause
 
 
-def given_up(error: Exception, attempts: int = 1) -> ClientError:
-    """Return what the caller of a call gets for `error`."""
+def give_up(error: Exception, attempts: int = 1) -> NoReturn:
+    """Raise what the caller of a call gets for `error`."""
     if isinstance(error, ClientError):
-        return error
-    unreachable = Unreachable(f"no whole answer in {attempts} attempts: {error or type(error).__name__}")
-    unreachable.__cause__ = error
-    return unreachable
+        raise error
+    raise Unreachable(f"no whole answer in {attempts} attempts: {str(error) or type(error).__name__}") from error
 
 
 def retry_after(headers: Mapping[str, str], now: Callable[[], float] = time.time) -> float:
