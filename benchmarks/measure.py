@@ -19,6 +19,7 @@ US: Final = 1e6
 NS: Final = 1e9
 
 _Item = TypeVar("_Item")
+_Name = TypeVar("_Name")
 _Result = TypeVar("_Result")
 
 
@@ -86,11 +87,11 @@ class Line(NamedTuple):
 
 
 def in_turns(
-    candidates: Mapping[str, Callable[[], _Result]], rounds: int, uncounted: int = 1
-) -> dict[str, list[_Result]]:
+    candidates: Mapping[_Name, Callable[[], _Result]], rounds: int, uncounted: int = 1
+) -> dict[_Name, list[_Result]]:
     """Return what each candidate returned in each of `rounds` rounds, after those that are not counted."""
     names = list(candidates)
-    results: dict[str, list[_Result]] = {name: [] for name in names}
+    results: dict[_Name, list[_Result]] = {name: [] for name in names}
     for turn in range(uncounted + rounds):
         first = turn % len(names)
         for name in names[first:] + names[:first]:

@@ -71,24 +71,39 @@ SCENES: Final = {
 }
 
 
+AROUND: Final = tuple(ChunkKey(0, *place) for place in itertools.product(range(-2, 2), repeat=3))
+"""The 64 chunks around the origin."""
+
+
 def prepare(scene: Scene, count: int) -> list[Ready]:
     """Return `count` different chunks of `scene`, the same ones in every run, in an order without pattern."""
-    keys = list(scene.keys)
-    random.Random(SEED).shuffle(keys)
-    found = (ready for ready in (_ready(scene, key) for key in keys) if ready.mesh.content == scene.content)
+    return choose(WorldRecipe(SEED, builtin(scene.recipe)), scene.keys, count, scene.content)
+
+
+def choose(
+    recipe: WorldRecipe, keys: Iterable[ChunkKey], count: int, content: Content, cells: int = CELLS_DEFAULT
+) -> list[Ready]:
+    """Return `count` different chunks among `keys` whose content is `content`, in an order without pattern.
+
+    Raises ValueError if there are fewer.
+    """
+    shuffled = list(keys)
+    random.Random(SEED).shuffle(shuffled)
+    found = (chunk for chunk in (make_ready(recipe, key, cells) for key in shuffled) if chunk.mesh.content == content)
     chunks = list(itertools.islice(found, count))
     if len(chunks) < count:
-        raise ValueError(f"{scene.name} has {len(chunks)} chunks with content {scene.content}; {count} are wanted")
+        raise ValueError(f"of {len(shuffled)} chunks {len(chunks)} have the content {content}; {count} are wanted")
     return chunks
+
+
+def make_ready(recipe: WorldRecipe, key: ChunkKey, cells: int = CELLS_DEFAULT) -> Ready:
+    """Return one chunk with everything that a stage of it may start from."""
+    samples = sample(recipe, key, ChunkShape(cells))
+    placement = Placement(key, cells, VOXEL_SIZE)
+    return Ready(ChunkRequest(recipe, key, cells), placement, samples, extract(samples))
 
 
 def triangles(chunks: Iterable[Ready]) -> float:
     """Return the mean number of triangles."""
     counts = [len(chunk.mesh.triangles) for chunk in chunks]
     return sum(counts) / len(counts)
-
-
-def _ready(scene: Scene, key: ChunkKey) -> Ready:
-    request = ChunkRequest(WorldRecipe(SEED, builtin(scene.recipe)), key)
-    samples = sample(request.recipe, key, SHAPE)
-    return Ready(request, Placement(key, SHAPE.cells, VOXEL_SIZE), samples, extract(samples))
