@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from chunkserver.commands.welding import Welded
 
 OBJ_HEADER: Final = "written by chunkserver"
+DIGITS_MIN: Final = 6
+"""Decimals of an OBJ, at least: what a float32 normal has."""
 
 
 class Placed(NamedTuple):
@@ -53,8 +55,8 @@ def _error(metres: NDArray[np.float64]) -> float:
 
 
 def _digits(unit: float) -> int:
-    """Return how many decimals hold a position: all of them, if `unit` is a power of two."""
-    return max(1, math.ceil(-math.log2(unit)))
+    """Return how many decimals hold a position: all of them, if `unit` is a power of two. Normals have as many."""
+    return max(DIGITS_MIN, math.ceil(-math.log2(unit)))
 
 
 def _obj(mesh: Any, digits: int) -> bytes:

@@ -43,10 +43,14 @@ def write(name: str, body: bytes) -> None:
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         try:
-            with beside.open("xb") as file:
-                file.write(body)
+            _fill(beside, body)
             beside.replace(path)
         finally:
             beside.unlink(missing_ok=True)
     except OSError as error:
         end(f"{name} cannot be written: {error.strerror}")
+
+
+def _fill(path: Path, body: bytes) -> None:
+    with path.open("xb") as file:
+        file.write(body)

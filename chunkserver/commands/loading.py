@@ -64,9 +64,16 @@ class Commands(typer.core.TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the list of `--help`, from the table alone."""
-        del ctx
-        with formatter.section("Commands"):
-            formatter.write_dl(list(self.names.items()))
+        self._list_only()
+        super().format_commands(ctx, formatter)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """Return what the shell may go on with, from the table alone."""
+        self._list_only()
+        return super().shell_complete(ctx, incomplete)
+
+    def _list_only(self) -> None:
+        self.commands = {name: typer.core.TyperCommand(name, help=line) for name, line in self.names.items()}
 
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run what is typed, then end. A fault of ours has its traceback; all else is one line."""

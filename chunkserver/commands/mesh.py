@@ -185,7 +185,7 @@ def _box(asked: _Asked) -> _Made:
 
 def _refuse_nothing(contents: Counter[Content]) -> None:
     if not contents["surface"]:
-        what = " and ".join(f"{count:,} of {content}" for content, count in sorted(contents.items()))
+        what = " and ".join(f"{count:,} {content}" for content, count in sorted(contents.items()))
         end(f"there is no surface in {counted(contents.total(), 'chunk')}: {what}. Nothing was written")
 
 
@@ -201,7 +201,8 @@ def _say(file: str, asked: _Asked, made: _Made, as_json: bool) -> None:
     if asked.form != "mesh" and asked.frame == "box":
         said.append(f"its origin is the box's low corner, at ({', '.join(f'{x:.15g}' for x in asked.corner)}) m")
     if made.error:
-        said.append(f"its positions are off by up to {made.error:.2g} m, which is what the format can hold")
+        remedy = "--frame box keeps them near it" if asked.frame == "world" else "its numbers have no more digits"
+        said.append(f"its positions are off by up to {made.error:.2g} m: {remedy}")
     for line in said:
         typer.echo(line, err=file == PIPE)
 

@@ -36,7 +36,7 @@ def say_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         table = Table(*head, box=None, pad_edge=False, header_style="bold")
         for line in lines:
             table.add_row(*line)
-        Console().print(table)
+        Console(markup=False, highlight=False).print(table)
         return
     widths = [max(map(len, column)) for column in zip(head, *lines, strict=True)]
     for line in [list(head), *lines]:

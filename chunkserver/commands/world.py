@@ -1,5 +1,6 @@
 """`chunkserver world`: the worlds that a folder keeps, while no server runs on it."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -10,7 +11,7 @@ import typer
 from chunkserver.catalogue import FILE_NAME, LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, Catalogue, World
 from chunkserver.commands.given import RecipeOption, SeedOption, recipe_of
 from chunkserver.commands.saying import end, say_json, say_table
-from chunkserver.errors import StoreError
+from chunkserver.errors import BadParameter, StoreError
 from chunkserver.field import prove
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.pipeline import ChunkRequest, check_request, generator
@@ -102,17 +103,27 @@ def delete_command(
     """Delete a world for good."""
     with _opened(settings) as catalogue:
         _existing(catalogue, name)
-        if not sure and not typer.confirm(f"Delete {name!r} with all its edits?", err=True):
+        if not sure and not _confirmed(name):
             end("nothing was deleted")
         catalogue.delete(name)
     typer.echo(f"{name} is deleted")
+
+
+def _confirmed(name: str) -> bool:
+    if not _can_ask():
+        raise BadParameter(f"nobody can be asked whether {name!r} shall be deleted: --yes says so", id=name)
+    return typer.confirm(f"Delete {name!r} for good?", err=True)
+
+
+def _can_ask() -> bool:
+    return sys.stdin.isatty()
 
 
 @contextmanager
 def _opened(settings: Settings, new: bool = False) -> Iterator[Catalogue]:
     """Open the folder that is chosen, alone. Raises `StoreError`: it says what to do if a server runs on it."""
     if settings.data is None:
-        raise typer.BadParameter("where the worlds are kept is needed: --data DIR")
+        raise BadParameter("where the worlds are kept is needed: --data DIR")
     with closing(_catalogue(settings.data, new)) as catalogue:
         yield catalogue
 

@@ -33,7 +33,7 @@ def test_the_table_says_what_the_commands_say():
 def test_every_command_has_help(name):
     ended = run(name, "--help")
     assert (ended.exit_code, ended.stderr) == (0, "")
-    assert ended.stdout.startswith(f"Usage: main {name}") or ended.stdout.startswith("Usage: ")
+    assert re.match(rf"Usage: \w+ {name} ", ended.stdout)
 
 
 def test_every_option_and_argument_has_help():
@@ -66,8 +66,7 @@ def test_what_is_light_imports_nothing_heavy(arguments):
 
 
 def test_what_is_heavy_is_seen():
-    assert imported("config", "show") >= {"fastapi", "numba"}
-    assert "fastapi" not in imported("mesh", "x.glb")
+    assert imported("mesh", "--help") == {"numba"}
 
 
 @pytest.mark.parametrize(

@@ -152,6 +152,7 @@ def _is_decimal(value: object) -> bool:
 
 def _place(scene: Any) -> tuple[Placement, Content]:
     """Return where the chunk is, by its node's extras. Raises `_Broken`."""
+    _wanted(scene, EXTRAS, lambda value: isinstance(value, dict), "what makes a GLB a chunk: its key, cells and place")
     lod, x, y, z, revision = (
         int(_wanted(scene, f"{EXTRAS}.{name}", _is_decimal, "a decimal integer, as a string"))
         for name in ("lod", "x", "y", "z", "revision")

@@ -196,7 +196,8 @@ def with_json(text: bytes, file: bytes) -> bytes:
 
 GLB_FAULTS: list[tuple[str, object, str]] = [
     ("asset.version", "1.0", "wanted is '2.0'"),
-    ("nodes.0.extras", None, "extras.lod"),
+    ("nodes.0.extras", None, "what makes a GLB a chunk"),
+    ("nodes.0.extras.lod", None, "is not there"),
     ("nodes.0.extras.lod", 2, "wanted is a decimal integer, as a string"),
     ("nodes.0.extras.lod", "21", "lod is 21"),
     ("nodes.0.extras.x", "007", "wanted is a decimal integer"),
@@ -249,8 +250,8 @@ def test_more_members_are_no_fault():
     [
         (b"[" * 60_000, "is no JSON"),
         (b'{"a":' * 12_000, "is no JSON"),
-        (b"{}", "extras.lod"),
-        (b"[]", "extras.lod"),
+        (b"{}", "$.nodes[0].extras is not there"),
+        (b"[]", "$.nodes[0].extras is not there"),
         (b"NaN", "NaN is no number"),
         (b"9" * 5_000, "is no JSON"),
         (b"\xff\xfe", "is no JSON"),
