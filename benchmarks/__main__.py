@@ -1,9 +1,13 @@
-"""Runs the benchmarks and prints their tables as Markdown."""
+"""Runs the benchmarks and prints their tables as Markdown; compares two versions; draws the pictures of a run."""
 
 import argparse
+import json
+import os
+import sys
 from pathlib import Path
 
-from benchmarks import machine, report
+from benchmarks import machine, pictures, report
+from benchmarks.compare import compare
 from benchmarks.jobs import JOBS, Job
 from benchmarks.measure import FULL, TINY, Line
 
@@ -15,12 +19,36 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--tiny", action="store_true", help="try everything out; the figures mean nothing")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round of everything here")
     parser.add_argument("--page", type=Path, metavar="FILE", help="replace what stands below the mark on this page")
+    parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw the run's pictures here")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", title="instead of a run")
+    two = commands.add_parser("compare", help="two versions in turns: which differences are outside of the noise")
+    two.add_argument("base", metavar="BASE", help="a commit")
+    two.add_argument("head", metavar="HEAD", nargs="?", help="another; what lies in the checkout if left out")
+    two.add_argument("--jobs", default="", metavar="TEXT", help="those with this text in their name; all if left out")
+    draw = commands.add_parser("draw", help="the pictures of a run that was written with --json")
+    draw.add_argument("run", type=Path, metavar="FILE")
+    draw.add_argument("folder", type=Path, metavar="FOLDER")
     return parser.parse_args()
 
 
 def main() -> None:
-    """Run the jobs in the order of their table, and print each as soon as it is done."""
+    """Do what the command line says."""
     chosen = arguments()
+    if chosen.command == "compare":
+        try:
+            for line in compare(chosen.base, chosen.head, chosen.jobs):
+                print(line, flush=True)
+        except ValueError as error:
+            sys.exit(str(error))
+    elif chosen.command == "draw":
+        for path in pictures.draw(json.loads(chosen.run.read_text()), chosen.folder).values():
+            print(path)
+    else:
+        run(chosen)
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Run the jobs in the order of their table, and print each as soon as it is done."""
     scale = TINY if chosen.tiny else FULL
     facts = machine.facts(scale)
     print(report.preface(facts), flush=True)
@@ -29,10 +57,14 @@ def main() -> None:
         job = JOBS[name]
         results[job] = list(job.run(scale))
         print(report.section(job, results[job]), flush=True)
+    print(report.targets(results))
+    text = report.as_json(facts, results)
     if chosen.json:
-        chosen.json.write_text(report.as_json(facts, results))
+        chosen.json.write_text(text)
+    drawn = pictures.draw(json.loads(text), chosen.pictures) if chosen.pictures else {}
     if chosen.page:
-        report.rewrite(chosen.page, report.markdown(facts, results))
+        links = {name: pictures.link(name, os.path.relpath(path, chosen.page.parent)) for name, path in drawn.items()}
+        report.rewrite(chosen.page, report.markdown(facts, results, links))
 
 
 if __name__ == "__main__":

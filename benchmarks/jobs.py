@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Final, NamedTuple
 
-from benchmarks import extraction, noise, overload, pool, service, stages, startup
+from benchmarks import cores, extraction, growth, noise, overload, pool, service, skipping, stages, startup, tape, whole
 from benchmarks.measure import Line, Scale
 
 
@@ -32,6 +32,11 @@ JOBS: Final = {
         _job("A chunk by stages", stages),
         _job("Extraction with normals from ready samples", extraction),
         _job("Noise", noise),
+        _job("A whole chunk", whole),
+        _job("A tape beside functions written by hand", tape),
+        _job("Chunks that need not be sampled", skipping),
+        _job("Cost against surface and recipe", growth),
+        _job("Two processes", cores),
         _job("Workers", pool),
         _job("Requests", service),
         _job("Overload", overload),

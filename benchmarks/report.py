@@ -5,17 +5,33 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.jobs import Job
+from benchmarks.jobs import JOBS, Job
 from benchmarks.measure import Figure, Line, Spread, spread
+from benchmarks.targets import Target, met
 
 Results = Mapping[Job, Sequence[Line]]
 
 MARK: Final = '<!-- what follows is written by `make bench ARGS="--page docs/performance.md"` -->'
 
 
-def markdown(facts: Mapping[str, str], results: Results) -> str:
-    """Return the page of a run: its preface and each job's section."""
-    return "\n".join([preface(facts), *(section(job, lines) for job, lines in results.items())])
+TARGETS_NOTE: Final = """
+Each line is one figure of this run beside what it is to become: the peer's time is to be so many times ours, or, where
+it says "at most", ours may be so many times the peer's. Of two processes the chunks count. The last column names the
+target that is reached, if one is.
+"""
+
+
+def markdown(facts: Mapping[str, str], results: Results, pictures: Mapping[str, str]) -> str:
+    """Return the page of a run: its preface, each job's section, the targets.
+
+    pictures: name of a job -> the Markdown of its picture, which stands below its table.
+    """
+    sections = []
+    for job, lines in results.items():
+        sections.append(section(job, lines))
+        if job.name in pictures:
+            sections.append(f"{pictures[job.name]}\n")
+    return "\n".join([preface(facts), *sections, targets(results)])
 
 
 def preface(facts: Mapping[str, str]) -> str:
@@ -28,8 +44,24 @@ def section(job: Job, lines: Sequence[Line]) -> str:
     columns = list(dict.fromkeys((figure.name, figure.unit) for line in lines for figure in line.figures))
     head = ["", *(f"{name}, {unit}" for name, unit in columns)]
     rows = [[line.subject, *_cells(line, columns)] for line in lines]
-    table = [_row(head), _row(["---", *("---:" for _ in columns)]), *map(_row, rows)]
+    table = [row(head), row(["---", *("---:" for _ in columns)]), *map(row, rows)]
     return "\n".join([f"## {job.title}", "", job.note.strip(), "", *table, ""])
+
+
+def targets(results: Results) -> str:
+    """Return the section of the targets whose jobs were run; nothing if there is none."""
+    found = met({job.name: lines for job, lines in results.items()})
+    if not found:
+        return ""
+    rows = [_target(target, reached) for target, reached in found]
+    head = [row(["job", "", "beside", "must", "aim", "today", "reached"]), row(["---"] * 3 + ["---:"] * 3 + ["---"])]
+    return "\n".join(["## Targets", TARGETS_NOTE, *head, *map(row, rows), ""])
+
+
+def _target(target: Target, reached: float) -> list[str]:
+    must = f"{'at most ' if target.at_most else ''}{target.must:g}"
+    verdict = target.verdict(reached)
+    return [JOBS[target.job].title, target.subject, target.figure, must, f"{target.aim:g}", number(reached), verdict]
 
 
 def _cells(line: Line, columns: Iterable[tuple[str, str]]) -> list[str]:
@@ -37,7 +69,8 @@ def _cells(line: Line, columns: Iterable[tuple[str, str]]) -> list[str]:
     return [_cell(by_name[column]) if column in by_name else "" for column in columns]
 
 
-def _row(cells: Iterable[str]) -> str:
+def row(cells: Iterable[str]) -> str:
+    """Return one row of a table."""
     return f"| {' | '.join(cells)} |"
 
 

@@ -10,6 +10,8 @@ machine with the server and its workers. CPU time is per request; the server's i
 - 304: the same with `If-None-Match`.
 - Bare ASGI: an application that only looks the path up, on the same HTTP server, with the same headers and bytes. How
   many times ours it is stands behind its figures.
+- FastAPI: an application as one writes it with FastAPI, path and query parameters typed and checked, on the same HTTP
+  server, with the same headers and bytes, which lie ready in a dictionary.
 """
 
 import http.client
@@ -43,7 +45,7 @@ SIDE: Final = 200
 BATCH: Final = 512
 """Chunks of one."""
 
-BARE: Final = ", bare ASGI"
+PEERS: Final = {", bare ASGI": "benchmarks.bare", ", FastAPI": "benchmarks.idiomatic"}
 COMPARED: Final = ("requests", "server CPU")
 
 
@@ -79,13 +81,25 @@ def run(scale: Scale) -> Iterator[Line]:
             answers = folder / "answers"
             answers.write_bytes(pickle.dumps(learn(client, [path for path, _ in plain])))
             tagged = [Request(path, client.get(path).raise_for_status().headers["etag"]) for path, _ in plain]
-        bare = stack.enter_context(serving(folder / "bare.log", str(answers), program=("-m", "benchmarks.bare")))
+        peers = {
+            peer: stack.enter_context(serving(folder / module, str(answers), program=("-m", module)))
+            for peer, module in PEERS.items()
+        }
         kinds = {"warm": plain, "304": tagged}
-        warm = _warm(ours, kinds, scale) | _warm(bare, {f"{kind}{BARE}": kinds[kind] for kind in kinds}, scale)
+        warm = _warm(ours, kinds, scale)
+        for peer, server in peers.items():
+            warm |= _warm(server, {f"{kind}{peer}": requests for kind, requests in kinds.items()}, scale)
         results = in_turns(_cold(servers, scale) | warm, scale.rounds)
     for subject, turns in results.items():
-        ours_turns = results[subject.replace(BARE, "")] if BARE in subject else []
-        yield Line(subject, tuple(_figure(name, unit, turns, ours_turns) for name, unit in FIGURES))
+        beside = results[_without_peer(subject)] if _without_peer(subject) != subject else []
+        yield Line(subject, tuple(_figure(name, unit, turns, beside) for name, unit in FIGURES))
+
+
+def _without_peer(subject: str) -> str:
+    """Return the subject of ours that a peer's stands beside."""
+    for peer in PEERS:
+        subject = subject.replace(peer, "")
+    return subject
 
 
 def _cold(servers: dict[int, Server], scale: Scale) -> dict[str, Callable[[], Turn]]:

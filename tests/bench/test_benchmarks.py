@@ -10,16 +10,20 @@ from typing import Any
 
 import pytest
 
-from benchmarks import noise
+from benchmarks import noise, peer_noise, pictures, whole
 from benchmarks.jobs import JOBS
-from benchmarks.measure import TINY
+from benchmarks.measure import TINY, Figure, Line
 from benchmarks.report import MARK
 from benchmarks.scenes import SCENES, prepare
 from benchmarks.service import FIGURES
+from benchmarks.targets import TARGETS, Target, met
 
 ROOT = Path(__file__).parents[2]
 RUN_SECONDS_MAX = 300
+PICTURE_BYTES_MAX = 100_000
 MAY_BE_ZERO = {"triangles", "empty", "refused", "lost"}
+COUNTS = {"triangles", "triangles of the peer", "empty"}
+OPEN_SIMPLEX = {"simplex 2-D (OpenSimplex2)", "simplex 3-D (OpenSimplex2)"}
 
 
 @dataclass(frozen=True)
@@ -27,17 +31,18 @@ class Run:
     printed: str
     page: str
     results: dict[str, Any]
+    pictures: Path
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Run:
     """One run of the command, all jobs, with everything that it writes."""
     folder = tmp_path_factory.mktemp("bench")
-    page, results = folder / "page.md", folder / "results.json"
+    page, results, drawn = folder / "page.md", folder / "results.json", folder / "drawn"
     page.write_text(f"Said by hand.\n\n{MARK}\n\nAn older run.\n")
-    command = [sys.executable, "-m", "benchmarks", "--tiny", "--json", results, "--page", page]
+    command = [sys.executable, "-m", "benchmarks", "--tiny", "--json", results, "--page", page, "--pictures", drawn]
     done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=RUN_SECONDS_MAX)
-    return Run(done.stdout, page.read_text(), json.loads(results.read_text()))
+    return Run(done.stdout, page.read_text(), json.loads(results.read_text()), drawn)
 
 
 def lines_of(run: Run, job: str) -> dict[str, dict[str, dict[str, Any]]]:
@@ -63,11 +68,12 @@ def test_every_figure_is_a_number_with_its_spread(run):
 
 
 def test_ratios_are_taken_round_by_round(run):
-    for job in ("extraction", "noise"):
+    for job in ("extraction", "noise", "whole", "tape", "skipping"):
         for figures in lines_of(run, job).values():
             ours = figures["chunkserver"]
             assert ours["ratio"] is None
-            peers = [figure for name, figure in figures.items() if name not in {"chunkserver", "triangles"}]
+            peers = [figure for name, figure in figures.items() if name not in {"chunkserver", *COUNTS}]
+            assert peers
             for peer in peers:
                 pairs = zip(peer["rounds"], ours["rounds"], strict=True)
                 assert peer["ratios"] == pytest.approx([theirs / own for theirs, own in pairs])
@@ -98,15 +104,52 @@ def test_answers_are_the_expected_ones(run):
 
 
 def test_a_missing_peer_leaves_our_figures_alone(monkeypatch):
-    monkeypatch.setattr(noise, "_peer", None)
+    monkeypatch.setattr(peer_noise, "_library", None)
     for line in noise.run(TINY):
-        assert [figure.name for figure in line.figures] == ["chunkserver"]
+        others = ["opensimplex"] if line.subject in OPEN_SIMPLEX else []
+        assert [figure.name for figure in line.figures] == ["chunkserver", *others]
+    (line,) = whole.run(TINY)
+    assert [figure.name for figure in line.figures] == ["triangles", "chunkserver"]
 
 
-def test_page_and_print_are_the_same(run):
+def test_page_and_print_are_the_same_but_for_pictures(run):
     above, _, below = run.page.partition(MARK)
     assert above == "Said by hand.\n\n"
-    assert below.strip() == run.printed.strip()
+    assert [line for line in below.split("\n") if line and line[0] != "!"] == [*filter(None, run.printed.split("\n"))]
+
+
+def test_pictures_stand_on_the_page(run):
+    links = [line for line in run.page.splitlines() if line.startswith("![")]
+    assert links == [pictures.link(job, f"drawn/{job}.svg") for job in JOBS if job in pictures.PICTURES]
+    assert {path.stem for path in run.pictures.iterdir()} == set(pictures.PICTURES) <= set(JOBS)
+
+
+def test_the_same_run_draws_the_same_bytes(run, tmp_path):
+    again = pictures.draw(run.results, tmp_path)
+    assert len(again) == len(pictures.PICTURES)
+    for path in again.values():
+        assert path.read_bytes() == (run.pictures / path.name).read_bytes()
+        assert b"<text" in path.read_bytes(), "text stays text"
+        assert path.stat().st_size < PICTURE_BYTES_MAX
+
+
+def test_every_target_has_its_figure(run):
+    for target in TARGETS:
+        figure = lines_of(run, target.job)[target.subject][target.figure]
+        assert figure["ratio"], target
+    shown = run.printed.partition("## Targets")[2]
+    assert sum(line.startswith("| ") for line in shown.splitlines()) == 2 + len(TARGETS)
+
+
+def test_a_target_is_reached_from_its_figure_on():
+    lines = [Line("here", (Figure("peer", "ms", (6.0, 4.0), (3.0, 2.0)),))]
+    at_least, at_most = Target("job", "here", "peer", 2, 3), Target("job", "here", "peer", 0.5, 0.4, at_most=True)
+    assert at_least.reached(lines) == 2.5
+    assert at_most.reached(lines) == pytest.approx((1 / 3 + 1 / 2) / 2)
+    assert [at_least.verdict(times) for times in (1.9, 2, 3)] == ["", "must", "aim"]
+    assert [at_most.verdict(times) for times in (0.6, 0.5, 0.4)] == ["", "must", "aim"]
+    assert Target("job", "there", "peer", 2, 3).reached(lines) is None
+    assert met({"another": lines}) == []
 
 
 def test_tables_are_rectangular(run):

@@ -1,0 +1,66 @@
+"""What the kernels are to reach, each beside a figure of the same run."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from benchmarks.measure import Line, spread
+
+
+class Target(NamedTuple):
+    """How many times its peer's figure one of ours is to be.
+
+    job, subject, figure: where the peer's figure stands. must, aim: times.
+    at_most: ours may be at most so many times the peer's; otherwise the peer's is to be at least so many times ours.
+    """
+
+    job: str
+    subject: str
+    figure: str
+    must: float
+    aim: float
+    at_most: bool = False
+
+    def reached(self, lines: Sequence[Line]) -> float | None:
+        """Return the median of what was measured, or None if it was not."""
+        ratios = [
+            figure.ratios
+            for line in lines
+            for figure in line.figures
+            if (line.subject, figure.name) == (self.subject, self.figure)
+        ]
+        return spread([1 / ratio if self.at_most else ratio for ratio in ratios[0]]).median if ratios else None
+
+    def verdict(self, reached: float) -> str:
+        """Return which of the two it reaches: `aim`, `must` or neither."""
+        sign = -1 if self.at_most else 1
+        if sign * reached >= sign * self.aim:
+            return "aim"
+        return "must" if sign * reached >= sign * self.must else ""
+
+
+_CAVES: Final = "terrain underground"
+
+TARGETS: Final = (
+    Target("extraction", _CAVES, "vtkFlyingEdges3D", 3.1, 4.5),
+    Target("extraction", "terrain surface", "vtkFlyingEdges3D", 2.8, 4),
+    Target("extraction", _CAVES, "skimage lewiner", 13, 18),
+    Target("extraction", _CAVES, "PyMCubes", 9, 12),
+    Target("extraction", "empty air", "vtkFlyingEdges3D", 12, 20),
+    Target("noise", "simplex 3-D (OpenSimplex2)", "pyfastnoiselite", 8, 12),
+    Target("noise", "simplex 3-D (OpenSimplex2)", "opensimplex", 17, 25),
+    Target("noise", "fbm 2-D, 5 octaves (Perlin)", "pyfastnoiselite", 6, 9),
+    Target("whole", _CAVES, "pyfastnoiselite + skimage", 12, 25),
+    Target("skipping", "fly-through, terrain", "without proof", 1.3, 2),
+    Target("skipping", "fly-through, hills", "without proof", 3, 6),
+    Target("skipping", "fly-through, planet", "without proof", 3, 6),
+    Target("skipping", "proved air", "without proof", 60, 100),
+    Target("tape", "terrain", "by hand", 1.15, 1.0, at_most=True),
+    Target("tape", "50 nodes of solids", "by hand", 2.5, 1.5, at_most=True),
+    Target("cores", _CAVES, "two processes", 1.85, 1.95),
+)
+
+
+def met(results: Mapping[str, Sequence[Line]]) -> list[tuple[Target, float]]:
+    """Return the targets of the jobs that were run, by name, each with what was reached."""
+    found = [(target, target.reached(results.get(target.job, ()))) for target in TARGETS]
+    return [(target, reached) for target, reached in found if reached is not None]
