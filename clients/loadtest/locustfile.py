@@ -75,7 +75,7 @@ class Viewer(FastHttpUser):
         with self.client.get(request.path, headers=fields, name=request.kind, catch_response=True) as response:
             if not response.status_code:
                 return None
-            answer = Answer(response.status_code, _fields(response.headers), (response.content or b"",))
+            answer = Answer(response.status_code, _head(response.headers), (response.content or b"",))
             try:
                 Shared.checker.check(request, answer)
                 response.success()
@@ -130,5 +130,5 @@ class FlyThrough(Viewer):
         self.ask(request)
 
 
-def _fields(headers: Any) -> dict[bytes, bytes]:
-    return {name.lower().encode(): value.encode() for name, value in headers.items()}
+def _head(headers: Any) -> bytes:
+    return "".join(f"\r\n{name}: {value}" for name, value in headers.items()).encode()

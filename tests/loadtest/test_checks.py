@@ -141,7 +141,7 @@ def fault_of(checker: Checker, request: Request, given: Answer) -> str:
 
 def given(body: bytes, *, status: int = 200, tag: str = TAG, content: str = "surface", coding: str = "") -> Answer:
     told = {"etag": tag, "content-type": MEDIA_TYPE, "chunk-content": content, "content-encoding": coding}
-    return Answer(status, {name.encode(): value.encode() for name, value in told.items()}, (body,))
+    return Answer(status, "".join(f"\r\n{name}: {value}" for name, value in told.items()).encode(), (body,))
 
 
 def test_a_coding_is_undone():

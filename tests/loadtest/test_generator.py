@@ -99,6 +99,23 @@ def test_an_answer_may_come_in_pieces(cut):
     assert [exchange.answer.body for exchange in ledger.exchanges if exchange.answer] == [b"hello"] * 2
 
 
+def test_header_fields_are_found_whatever_their_case():
+    told = b'HTTP/1.1 200 OK\r\nX-ETag: 1\r\nETag:  "Two" \r\nContent-Length: 5\r\nEmpty:\r\n\r\netag:'
+    with answering(told) as server:
+        ledger = offered(server.url, at_rate(20), Limits(seconds=0.05))
+    found = ledger.exchanges[0].answer
+    assert found
+    assert [found.text(name) for name in (b"etag", b"x-etag", b"empty", b"age")] == ['"Two"', "1", "", ""]
+    assert found.body == b"etag:"
+    assert ledger.exchanges[0].received == len(told)
+
+
+def test_a_head_without_an_end_is_too_large():
+    with answering(b"HTTP/1.1 200 OK\r\n" + b"a: b\r\n" * 20_000) as server:
+        ledger = offered(server.url, at_rate(20), Limits(seconds=0.05))
+    assert set(ledger.statuses) <= {"too-large", "malformed-http"}
+
+
 @pytest.mark.parametrize(
     ("reply", "failure"),
     [

@@ -16,7 +16,10 @@ CELLS = 32
 
 
 def first(profile: str, options: Options, count: int = 300) -> list[Due]:
-    primed = [(request, Answer(200, {b"etag": b'"t"'}, ())) for request in PROFILES[profile].prime(WORLD, options)]
+    primed = [
+        (request, Answer(200, b'HTTP/1.1 200 OK\r\nETag: "t"', ()))
+        for request in PROFILES[profile].prime(WORLD, options)
+    ]
     return list(itertools.islice(PROFILES[profile].schedule(WORLD, options, primed), count))
 
 
@@ -70,7 +73,7 @@ def test_the_hot_set_is_small_and_a_share_is_revalidated():
 def test_the_hot_set_prefers_chunks_with_a_surface():
     options = Options(hot=4)
     asked = list(PROFILES["warm-hot"].prime(WORLD, options))
-    primed = [(request, Answer(200 if place % 2 else 204, {}, ())) for place, request in enumerate(asked)]
+    primed = [(request, Answer(200 if place % 2 else 204, b"", ())) for place, request in enumerate(asked)]
     schedule = PROFILES["warm-hot"].schedule(WORLD, options, primed)
     wanted = {request.path for request, answer in primed if answer.status == 200}
     assert {request.path for _, request in itertools.islice(schedule, 200)} == wanted

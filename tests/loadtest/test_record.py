@@ -52,7 +52,7 @@ def test_whatever_comes_there_are_not_more_counts():
 
 
 def ended(record: Record, moment: float) -> Exchange:
-    exchange = Exchange(Request("/"), moment, moment, moment + 0.01, Answer(200, {}, ()))
+    exchange = Exchange(Request("/"), moment, moment, moment + 0.01, Answer(200, b"", ()))
     record.due(exchange, False, 1)
     record.ended(exchange)
     return exchange

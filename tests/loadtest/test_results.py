@@ -18,7 +18,7 @@ def result_with(latency: float, failures: int = 0, rate: float = 100.0, cpu_seco
     record.begun(50.0)
     for number in range(100):
         due = 50.0 + number / rate
-        exchange = Exchange(Request("/"), due, due, due + latency, Answer(200, {}, ()), received=1000)
+        exchange = Exchange(Request("/"), due, due, due + latency, Answer(200, b"", ()), received=1000)
         record.due(exchange, False, 1)
         record.ended(exchange)
         if number < failures:

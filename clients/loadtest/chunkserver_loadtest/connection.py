@@ -10,11 +10,13 @@ import httptools
 from chunkserver_loadtest.exchange import Answer, Exchange, Request
 
 ANSWER_BYTES_MAX: Final = 1 << 28
-"""Of a body: the largest batch that there can be, 1,024 chunks of 256 KB."""
+"""The largest batch that there can be: 1,024 chunks of 256 KB."""
+HEAD_BYTES_MAX: Final = 1 << 16
 DETAIL_CHARACTERS_MAX: Final = 200
 """Of what a failure quotes."""
 
 Told = Callable[["Connection"], None]
+HEAD_END: Final = b"\r\n\r\n"
 NOTHING: Final = Exchange(Request("/"), 0.0)
 """The exchange of a connection that has not been asked yet."""
 
@@ -32,22 +34,23 @@ class Connection(asyncio.Protocol):
         self._free = free
         self._lost = lost
         self._closed = False
-        self._parser = httptools.HttpResponseParser(self)
         self._complete = True
-        self._begun = False
         self._stays = True
-        self._fields: dict[bytes, bytes] = {}
+        self._noted = 0
+        self._head = b""
+        self._head_ended = False
         self._pieces: list[bytes] = []
-        self._received = 0
+        self.on_body = self._pieces.append  # called by httptools, without Python in between
+        self._parser = httptools.HttpResponseParser(self)
 
     def ask(self, exchange: Exchange) -> None:
         """Send a request."""
         self.exchange = exchange
         self._complete = False
-        self._begun = False
-        self._fields = {}
-        self._pieces = []
-        self._received = 0
+        self._noted = 0
+        self._head = b""
+        self._head_ended = False
+        self._pieces.clear()
         exchange.sent = time.perf_counter()
         self._transport.write(exchange.request.wire(self._fixed))
 
@@ -77,6 +80,8 @@ class Connection(asyncio.Protocol):
             self._complete = False
             self.fail("extra-bytes", f"{data[:40]!r}")
             return
+        if not self._head_ended:
+            self._head += data
         try:
             self._parser.feed_data(data)
         except httptools.HttpParserError as error:
@@ -84,35 +89,32 @@ class Connection(asyncio.Protocol):
             self._complete = False
             self.fail(failure, f"{error}: {data[:40]!r}")
             return
-        self._progressed()
+        self._read_on()
 
-    def _progressed(self) -> None:
-        if self._received > ANSWER_BYTES_MAX:
+    def _read_on(self) -> None:
+        """Go on after what has just been read: it is too much, or all, or a part."""
+        most = ANSWER_BYTES_MAX if self._head_ended else HEAD_BYTES_MAX
+        if self.exchange.received > most:
             self._complete = False
-            self.fail("too-large", f"more than {ANSWER_BYTES_MAX} bytes")
+            self.fail("too-large", f"more than {most} bytes")
         elif self._complete:
             self._answered()
         elif self.exchange.request.body:
-            self.exchange.arrivals.append((self._received, time.perf_counter()))
+            self._note_arrival(time.perf_counter())
 
     def connection_lost(self, error: Exception | None) -> None:
-        detail = f"{self._received} bytes of the body had come. {error or ''}"
-        self.fail("cut" if self._begun else "closed", detail.strip())
+        received = self.exchange.received
+        self.fail("cut" if received else "closed", f"{received} bytes had come. {error or ''}".strip())
 
     def on_message_begin(self) -> None:
         """Refuse a second answer: httptools calls this."""
         if self._complete:
             raise ValueError("one answer follows another")
-        self._begun = True
 
-    def on_header(self, name: bytes, value: bytes) -> None:
-        """Keep a header field: httptools calls this."""
-        self._fields[name.lower()] = value
-
-    def on_body(self, piece: bytes) -> None:
-        """Keep a piece of the body: httptools calls this."""
-        self._pieces.append(piece)
-        self._received += len(piece)
+    def on_headers_complete(self) -> None:
+        """Note that the head is there: httptools calls this. Header fields are read when somebody asks for them."""
+        self._head_ended = True
+        self._head = self._head[: self._head.index(HEAD_END)]
 
     def on_message_complete(self) -> None:
         """Note that all of the answer is there: httptools calls this, and knows now whether the connection stays."""
@@ -122,12 +124,18 @@ class Connection(asyncio.Protocol):
     def _answered(self) -> None:
         exchange = self.exchange
         exchange.ended = time.perf_counter()
-        exchange.answer = Answer(self._parser.get_status_code(), self._fields, tuple(self._pieces))
+        exchange.answer = Answer(self._parser.get_status_code(), self._head, tuple(self._pieces))
         if exchange.request.body:
-            exchange.arrivals.append((self._received, exchange.ended))
+            self._note_arrival(exchange.ended)
         if self._stays:
             self._free(self)
         else:
             self._closed = True
             self._transport.close()
             self._lost(self)
+
+    def _note_arrival(self, moment: float) -> None:
+        """Write down how much of a batch's body has come."""
+        arrivals, fresh = self.exchange.arrivals, self._pieces[self._noted :]
+        arrivals.append(((arrivals[-1][0] if arrivals else 0) + sum(map(len, fresh)), moment))
+        self._noted = len(self._pieces)

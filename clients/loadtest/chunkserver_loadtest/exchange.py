@@ -1,5 +1,6 @@
 """What is asked, what is answered, and what became of it: the values that all other files speak of."""
 
+import re
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -39,10 +40,13 @@ class Request(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What came. fields: header fields, names in lower case; the last of each name. pieces: the body, as it came."""
+    """What came. head: from the status line on, each field behind a line end; read when somebody asks for a field.
+
+    pieces: the body, as it came.
+    """
 
     status: int
-    fields: dict[bytes, bytes]
+    head: bytes
     pieces: tuple[bytes, ...]
 
     @property
@@ -51,8 +55,9 @@ class Answer(NamedTuple):
         return self.pieces[0] if len(self.pieces) == 1 else b"".join(self.pieces)
 
     def text(self, name: bytes) -> str:
-        """Return a header field; empty if there is none."""
-        return self.fields.get(name, b"").decode("latin-1")
+        """Return a header field, the first of its name; empty if there is none."""
+        found = re.search(rb"(?i)\r\n" + name + rb":[ \t]*([^\r\n]*)", self.head)
+        return found[1].rstrip().decode("latin-1") if found else ""
 
 
 @dataclass(slots=True)
