@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from benchmarks import machine, pictures, report
@@ -14,13 +15,16 @@ from benchmarks.measure import FULL, TINY, Line
 
 def arguments() -> argparse.Namespace:
     """Return what the command line says; ends the program if that makes no sense."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    usage = "python -m benchmarks [OPTION ...] | compare BASE [HEAD] | draw FILE FOLDER"
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", usage=usage, description=__doc__)
     parser.add_argument("--only", action="append", choices=list(JOBS), metavar="NAME", help=f"of {', '.join(JOBS)}")
     parser.add_argument("--tiny", action="store_true", help="try everything out; the figures mean nothing")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round of everything here")
     parser.add_argument("--page", type=Path, metavar="FILE", help="replace what stands below the mark on this page")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw the run's pictures here")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", title="instead of a run")
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", title="instead of a run", prog="python -m benchmarks"
+    )
     two = commands.add_parser("compare", help="two versions in turns: which differences are outside of the noise")
     two.add_argument("base", metavar="BASE", help="a commit")
     two.add_argument("head", metavar="HEAD", nargs="?", help="another; what lies in the checkout if left out")
@@ -34,17 +38,22 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Do what the command line says."""
     chosen = arguments()
-    if chosen.command == "compare":
-        try:
-            for line in compare(chosen.base, chosen.head, chosen.jobs):
-                print(line, flush=True)
-        except ValueError as error:
-            sys.exit(str(error))
-    elif chosen.command == "draw":
-        for path in pictures.draw(json.loads(chosen.run.read_text()), chosen.folder).values():
-            print(path)
-    else:
+    if chosen.command is None:
         run(chosen)
+        return
+    try:
+        for line in _compare(chosen) if chosen.command == "compare" else _draw(chosen):
+            print(line, flush=True)
+    except (OSError, ValueError) as error:
+        sys.exit(str(error))
+
+
+def _compare(chosen: argparse.Namespace) -> Iterable[str]:
+    return compare(chosen.base, chosen.head, chosen.jobs)
+
+
+def _draw(chosen: argparse.Namespace) -> Iterable[str]:
+    return map(str, pictures.draw(json.loads(chosen.run.read_text()), chosen.folder).values())
 
 
 def run(chosen: argparse.Namespace) -> None:

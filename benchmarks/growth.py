@@ -1,7 +1,7 @@
 """Milliseconds per chunk at LOD 0: what a chunk costs the more surface, and the more recipe, it has.
 
-- Cells: chunks of 16, 32 and 64 cells with a surface, from the same part of `terrain`: its ground and 256 voxels
-  below. They are sorted by their triangles and cut into quarters.
+- Cells: chunks of 16, 32 and 64 cells with a surface, from `terrain` between 64 voxels below its mean ground and 32
+  above. They are sorted by their triangles and cut into quarters.
 - Nodes: recipes of so many nodes, spheres and boxes within 64 voxels of the origin and the `min` that joins them; the
   64 chunks of 32 cells around the origin, with a surface or without.
 """
@@ -21,9 +21,9 @@ from chunkserver.recipe.builder import box, minimum, sphere
 from chunkserver.recipe.node import Node
 
 QUARTERS: Final = ("least surface", "less surface", "more surface", "most surface")
-DEPTH_VOXELS: Final = 256
-RELIEF_VOXELS: Final = 64
-SIDE: Final = 6
+DEPTH_VOXELS: Final = 64
+HEIGHT_VOXELS: Final = 32
+SIDE: Final = 12
 """Chunks a side of a layer, whatever their size."""
 NODES: Final = (5, 11, 25, 51, 101, 199)
 REACH_VOXELS: Final = 64.0
@@ -41,7 +41,7 @@ def run(scale: Scale) -> Iterator[Line]:
     """Yield a line per quarter of each chunk size, and one per number of nodes."""
     terrain = WorldRecipe(SEED, builtin("terrain"))
     for cells in CELLS_BUILT:
-        keys = layers(range(-DEPTH_VOXELS // cells, RELIEF_VOXELS // cells), SIDE)
+        keys = layers(range(-DEPTH_VOXELS // cells, -(-HEIGHT_VOXELS // cells)), SIDE)
         chunks = sorted(choose(terrain, keys, scale.chunks, "surface", cells), key=lambda chunk: triangles([chunk]))
         size = -(-len(chunks) // len(QUARTERS))
         parts = {f"{cells} cells, {name}": chunks[i * size : (i + 1) * size] for i, name in enumerate(QUARTERS)}
