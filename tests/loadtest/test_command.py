@@ -47,6 +47,16 @@ def test_a_run_says_what_it_found(tmp_path):
     assert result.options["rate"] == 100.0
 
 
+def test_a_result_that_cannot_be_written_is_one_line(tmp_path):
+    with answering(world) as server:
+        done = run(
+            "run", "cold-unique", "--url", server.url, "--seconds", "0.1", "--output", str(tmp_path / "no" / "a")
+        )
+    assert done.exit_code == MISUSED
+    assert "10 answered" in done.stdout
+    assert "the result cannot be written: " in done.stderr
+
+
 def test_a_run_that_finds_faults_fails():
     with answering(lambda head: answer("404 Not Found", b"{}") if "/chunks/" in head else descriptor()) as server:
         done = run("run", "cold-unique", "--url", server.url, "--seconds", "0.2")

@@ -155,6 +155,41 @@ def test_a_connection_that_is_closed_after_each_answer_is_opened_again():
     assert ledger.statuses == {"200": 30}
 
 
+def test_a_closed_loop_keeps_its_connections():
+    with answering(answer("200 OK", b"hello", connection="close")) as server:
+        ledger = offered(server.url, at_rate(1), Limits(seconds=30, requests=80, connections=4), closed=True)
+    assert ledger.statuses == {"200": 80}
+    assert sum(exchange.sent > 0 for exchange in ledger.asked) == len(server.requests) == 80
+    assert ledger.in_flight_most == 4
+
+
+def test_a_closed_loop_ends_when_the_server_has_gone_away():
+    with answering(HELLO) as server:
+
+        def stopping() -> Iterator[tuple[float, Request]]:
+            for number in itertools.count():
+                if number == 30:
+                    server.stop()
+                yield 0.0, Request("/")
+
+        started = time.perf_counter()
+        ledger = offered(server.url, stopping(), Limits(seconds=30, connections=3, timeout=2), closed=True)
+    assert time.perf_counter() - started < 10
+    assert ledger.statuses["200"] >= 20
+    assert 1 <= ledger.statuses["no-connection"] <= 3
+    assert ledger.statuses.total() < 40
+
+
+def test_in_flight_is_bounded_below_the_connections_too():
+    async def slow(_head: str) -> bytes:
+        await asyncio.sleep(0.3)
+        return OK
+
+    with answering(slow) as server:
+        ledger = offered(server.url, at_rate(100), Limits(seconds=0.1, connections=8, in_flight=3))
+    assert (ledger.in_flight_most, len(ledger.not_sent), ledger.statuses) == (3, 7, {"200": 3})
+
+
 def test_a_server_that_goes_away_fails_what_is_due():
     with answering(HELLO) as server:
 

@@ -76,11 +76,6 @@ def test_fly_through(server, batch, file_format):
     assert result.counts.decoded > 10
 
 
-def test_two_loads_of_the_same_seed_ask_for_the_same(server):
-    first, second = (result_of(server, "cold-unique", seed=5, rate=30, recipe="hills") for _ in range(2))
-    assert first.throughput.bytes * first.seconds == second.throughput.bytes * second.seconds > 0
-
-
 def locust(url: str, users: tuple[str, ...], kinds: tuple[str, ...], log: Path) -> tuple[int, str]:
     """Run the locustfile until it has told of each of `kinds`; return its exit code, and all that it said."""
     file = ROOT / "clients" / "loadtest" / "locustfile.py"

@@ -16,7 +16,7 @@ from chunkserver_loadtest.generator import Limits
 from chunkserver_loadtest.live import DRAWS_PER_SECOND, view
 from chunkserver_loadtest.profiles import PROFILES, Arrivals, Options
 from chunkserver_loadtest.report import comparison, summary
-from chunkserver_loadtest.result import load, save
+from chunkserver_loadtest.result import Result, load, save
 from chunkserver_loadtest.runs import Plan, run
 from chunkserver_loadtest.world import world_path
 
@@ -111,7 +111,7 @@ def run_command(
         _end(str(error))
     _output().print(summary(result))
     if output:
-        save(result, output)
+        _save(result, output)
     if result.counts.failed:
         raise typer.Exit(FAILED)
 
@@ -148,6 +148,13 @@ def ceiling_command(
     times = f"p50 {found.latency_p50:.2f}, p99 {found.latency_p99:.2f} ms"
     lag = f"sent late by p50 {found.lag_p50:.2f}, p99 {found.lag_p99:.2f} ms"
     typer.echo(f"open loop     {found.rate:,.0f} requests/s: {times}; {lag}")
+
+
+def _save(result: Result, path: Path) -> None:
+    try:
+        save(result, path)
+    except OSError as error:
+        _end(f"the result cannot be written: {error}")
 
 
 def _output() -> Console:

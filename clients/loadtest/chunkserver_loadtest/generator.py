@@ -146,6 +146,7 @@ class _Load:
                 await asyncio.wait_for(self._over.wait(), self._limits.seconds + self._limits.timeout)
         finally:
             gc.unfreeze()
+            asyncio.get_running_loop().set_exception_handler(None)
             self._end(sweeping)
         if self._fault:
             raise self._fault
@@ -200,16 +201,16 @@ class _Load:
 
     def _give(self, exchange: Exchange) -> None:
         in_flight = len(self._asked) + len(self._waiting)
-        if self._idle:
+        if in_flight >= self._limits.in_flight:
+            self._observer.due(exchange, True, in_flight)
+            self._observer.unsent(exchange)
+        elif self._idle:
             self._ask(self._idle.pop(), exchange)
             self._observer.due(exchange, False, in_flight + 1)
-            return
-        self._observer.due(exchange, True, min(in_flight + 1, self._limits.in_flight))
-        if in_flight >= self._limits.in_flight:
-            self._observer.unsent(exchange)
         else:
             self._waiting.append(exchange)
-            self._open_for_waiting()
+            self._observer.due(exchange, True, in_flight + 1)
+            self._open_more()
 
     def _ask(self, connection: Connection, exchange: Exchange) -> None:
         self._asked[connection] = exchange
@@ -220,44 +221,51 @@ class _Load:
         self._report(self._asked.pop(connection, None))
         if self._waiting:
             self._ask(connection, self._waiting.popleft())
-        elif self._closed_loop and self._next and time.perf_counter() < self._started + self._limits.seconds:
-            exchange = Exchange(self._next[1], time.perf_counter())
-            self._advance()
+        elif exchange := self._next_of_closed_loop():
             self._ask(connection, exchange)
             self._observer.due(exchange, False, len(self._asked))
         else:
             self._idle.append(connection)
             self._finish_if_over()
 
+    def _next_of_closed_loop(self) -> Exchange | None:
+        """Return what is due because a connection is free: the next request of a closed loop, while it lasts."""
+        now = time.perf_counter()
+        if not (self._closed_loop and self._next and now < self._started + self._limits.seconds):
+            return None
+        exchange = Exchange(self._next[1], now)
+        self._advance()
+        return exchange
+
     def _lost(self, connection: Connection) -> None:
         if connection in self._idle:
             self._idle.remove(connection)
-        self._report(
-            self._asked.pop(connection, None) or (connection.exchange if connection.exchange.failure else None)
-        )
-        self._open_for_waiting()
+        last = connection.exchange
+        self._report(self._asked.pop(connection, None) or (last if last.failure else None))
+        self._open_more()
         self._finish_if_over()
 
-    def _open_for_waiting(self) -> None:
-        """Open a connection for each request that waits, as far as there may be more."""
-        wanted = len(self._waiting) + (1 if self._closed_loop and self._next else 0) - len(self._opening)
+    def _open_more(self) -> None:
+        """Open a connection for each request that waits, in a closed loop for each that is missing."""
         room = self._limits.connections - len(self._asked) - len(self._idle) - len(self._opening)
-        for _ in range(min(wanted, room)):
+        missing = len(self._waiting) - len(self._opening)
+        for _ in range(room if self._closed_loop and self._next else min(room, missing)):
             task = asyncio.create_task(self._open())
             self._opening.add(task)
 
     async def _open(self) -> None:
-        """Open a connection. If there is none, whoever has waited longest has failed."""
+        """Open a connection. If there is none, whoever has waited longest has failed; a closed loop tries no more."""
         try:
             connection = await self._connect()
         except OSError as error:
             self._opening.discard(asyncio.current_task())
-            if self._waiting:
-                exchange = self._waiting.popleft()
+            exchange = self._waiting.popleft() if self._waiting else self._next_of_closed_loop()
+            if exchange:
                 exchange.sent = exchange.ended = time.perf_counter()
                 exchange.failure, exchange.detail = "no-connection", str(error)
                 self._report(exchange)
-            self._open_for_waiting()
+            if not self._closed_loop:
+                self._open_more()
             self._finish_if_over()
         else:
             self._opening.discard(asyncio.current_task())
@@ -277,8 +285,7 @@ class _Load:
                 connection.fail("timeout", f"no whole answer within {self._limits.timeout:g} s")
 
     def _finish_if_over(self) -> None:
-        time_left = time.perf_counter() < self._started + self._limits.seconds if self._closed_loop else True
-        if not (self._asked or self._waiting or self._opening or (self._next and time_left)):
+        if not (self._asked or self._waiting or self._opening or (self._next and not self._closed_loop)):
             self._over.set()
 
     def _end(self, sweeping: asyncio.Task[None] | None) -> None:
