@@ -10,8 +10,8 @@ from chunkserver.wire import FORMATS
 
 app: Final = typer.Typer(add_completion=False, rich_markup_mode=None)
 
-FILE_BYTES_MAX: Final = 1 << 27
-"""Three times the largest chunk that there can be."""
+FILE_BYTES_MAX: Final = 1 << 26
+"""Half as much again as the largest chunk: 64 cells a side, all of them crossed, in floats."""
 MAGIC_BYTES: Final = 4
 
 

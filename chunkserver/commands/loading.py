@@ -92,11 +92,12 @@ class Commands(typer.core.TyperGroup):
 
 def _sentence(error: typer.TyperException) -> str:
     """Return what was typed wrong in one line, and where help is. What is longer is help itself."""
-    text = error.format_message()
+    text = error.format_message().replace("Value error, ", "")
     if "\n" in text:
         return text
-    cause: Any = error.__cause__
-    given = f", not {cause.errors()[0]['input']!r}" if hasattr(cause, "errors") else ""
+    cause: Any = error.__cause__  # pydantic's, if a value has the wrong type: its text may not name the value
+    value = repr(cause.errors()[0]["input"]) if hasattr(cause, "errors") else ""
+    given = "" if value in text else f", not {value}"
     context: Any = getattr(error, "ctx", None)
     see = f": see {context.command_path} --help" if context else ""
     return f"{text.rstrip('.')}{given}{see}"

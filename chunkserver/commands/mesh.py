@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Annotated, Any, Final, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Final, Literal, NamedTuple, cast, get_args
 
 import typer
 
@@ -117,11 +117,10 @@ def command(
 
 def _form(file: str, form: Form | None) -> Form:
     wanted = form or PurePath(file).suffix.removeprefix(".").lower()
-    for known in get_args(Form):
-        if wanted == known:
-            return known  # type: ignore[no-any-return]
-    choice = ", ".join(f".{known}" for known in get_args(Form))
-    raise BadParameter(f"{file!r} ends in none of {choice}: then --format is needed", file=file)
+    if wanted not in get_args(Form):
+        choice = ", ".join(f".{known}" for known in get_args(Form))
+        raise BadParameter(f"{file!r} ends in none of {choice}: then --format is needed", file=file)
+    return cast(Form, wanted)
 
 
 def _corners(chunk: Corner | None, box: tuple[int, ...] | None) -> tuple[Corner, Corner]:

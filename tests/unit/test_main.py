@@ -1,5 +1,6 @@
 """The program as a whole: its table of commands, what it imports, how it fails."""
 
+import os
 import re
 import subprocess
 import sys
@@ -44,20 +45,26 @@ def test_every_option_and_argument_has_help():
     assert silent == []
 
 
-def imported(*arguments):
-    """Return which of the heavy packages Python imports for a command."""
+def imported(*arguments, **environment):
+    """Return which of the heavy packages Python imports for a command, or to complete one."""
     code = f"""
 import sys
 from chunkserver.__main__ import app
 try:
-    app({list(arguments)!r})
+    app({list(arguments)!r}, prog_name="chunkserver")
 except SystemExit:
     pass
-print(*({HEAVY!r} & sys.modules.keys()), file=sys.stderr)
+print(*(set({HEAVY!r}) & sys.modules.keys()), file=sys.stderr)
 """
-    code = code.replace(repr(HEAVY) + " &", f"set({HEAVY!r}) &")
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    command, around = [sys.executable, "-c", code], {**os.environ, **environment}
+    ended = subprocess.run(command, env=around, capture_output=True, text=True, timeout=60, check=True)
     return set(ended.stderr.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("words", ["chunkserver ", "chunkserver recipe show p"])
+def test_completion_imports_nothing_heavy(words):
+    count = str(len(words.split(" ")) - 1)
+    assert imported(_CHUNKSERVER_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=count) == set()
 
 
 @pytest.mark.parametrize("arguments", LIGHT)

@@ -16,6 +16,8 @@ SHOWN_CHARACTERS_MAX: Final = 60
 NORMAL_ERROR_MAX: Final = {"i": 0.007, "f": 1e-5}
 """By how much the length of a normal may differ from 1, by the kind of its components: bytes, floats."""
 POSITION_MAX: Final = 65535
+BLOCK: Final = 1 << 14
+"""Triangles that are looked at at once."""
 
 _CHUNK_UNITS: Final = POSITION_HIGH - POSITION_LOW
 
@@ -108,8 +110,14 @@ def _first(wrong: NDArray[np.bool_], at: At, what: str) -> Iterator[Fault]:
 
 
 def _has_no_area(lattice: NDArray[np.int64], triangles: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which triangles have equal corners or corners on a line: exact, the products stay below 2^34."""
-    a, b, c = (lattice[triangles[:, corner]].T for corner in range(3))
-    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-    flat: NDArray[np.bool_] = (uy * vz == uz * vy) & (uz * vx == ux * vz) & (ux * vy == uy * vx)
+    """Return which triangles have equal corners or corners on a line.
+
+    Exact: differences stay below 2^17 and products below 2^34, which float64 holds. In blocks that fit the cache.
+    """
+    columns = lattice.T.astype(np.float64, order="C")
+    flat = np.empty(len(triangles), np.bool_)
+    for begin in range(0, len(triangles), BLOCK):
+        a, b, c = (columns[:, corner] for corner in triangles[begin : begin + BLOCK].T)
+        (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+        flat[begin : begin + BLOCK] = (uy * vz == uz * vy) & (uz * vx == ux * vz) & (ux * vy == uy * vx)
     return flat

@@ -6,7 +6,7 @@ stand in it is then written anew by the writer, and compared: a difference is na
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, Final, NamedTuple, get_args
 
@@ -31,6 +31,8 @@ from chunkserver.wire.reading.findings import (
 
 JSON_BYTES_MAX: Final = 1 << 16
 """The writer's has about 1,500. Anything in it that is long or deep is refused before it is looked into."""
+DEPTH_MAX: Final = 16
+"""Levels of the JSON. The writer's has 8: from here on nothing that walks it can exhaust the stack."""
 DECIMAL: Final = re.compile("0|-?[1-9][0-9]{0,18}")
 VERTEX_BYTES: Final = 12
 POSITION_STRIDE: Final = 8
@@ -107,9 +109,27 @@ def _json(text: bytes) -> Any:
     if len(text) > JSON_BYTES_MAX:
         raise _Broken("byte 12", f"the JSON has {len(text)} bytes; a chunk has less than {JSON_BYTES_MAX}")
     try:
-        return json.loads(text, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
-        raise _Broken("$", f"is no JSON: {str(error) or type(error).__name__:.100}") from None
+        scene = json.loads(text, parse_constant=_no_constant)
+    except RecursionError:
+        raise _too_deep() from None
+    except ValueError as error:
+        raise _Broken("$", f"is no JSON: {error!s:.100}") from None
+    level = [scene]
+    for _ in range(DEPTH_MAX):
+        level = [below for value in level for below in _children(value)]
+        if not level:
+            return scene
+    raise _too_deep()
+
+
+def _children(value: Any) -> Iterable[Any]:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
+
+
+def _too_deep() -> _Broken:
+    return _Broken("$", f"is nested deeper than {DEPTH_MAX} levels")
 
 
 def _no_constant(name: str) -> object:
@@ -186,7 +206,7 @@ def _place_facts(placement: Placement, content: Content, parts: _Parts) -> dict[
         "content": content,
         "profile": "std",
         "frame": "chunk" if found == in_chunk != in_world else "world",
-        "extensions": [] if used is _MISSING else used,
+        "extensions": [name for name in used if isinstance(name, str)] if isinstance(used, list) else [],
     }
 
 

@@ -12,6 +12,7 @@ import trimesh
 from chunkserver.commands import building, mesh, welding
 from chunkserver.commands.exporting import Placed, export
 from chunkserver.grid import ChunkKey
+from chunkserver.mesh import Mesh
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.wire import Encoding
@@ -49,6 +50,11 @@ def read(file):
         return whole
     points, place = np.unique(whole.vertices, axis=0, return_inverse=True)
     return trimesh.Trimesh(points, place.reshape(-1)[whole.faces], process=False)
+
+
+def longest():
+    """Boxes of as many chunks as there may be, in a row along each axis."""
+    return [tuple(welding.CHUNKS_MAX if axis == along else 1 for axis in range(3)) for along in range(3)]
 
 
 def rows(points):
@@ -89,7 +95,11 @@ def test_normals_are_those_of_the_field(tmp_path, ball_json, form, voxel_size):
     (found,) = trimesh.load_scene(tmp_path / f"ball.{form}", process=False).geometry.values()
     keys = [ChunkKey(0, *place) for place in product(range(-2, 2), repeat=3)]
     built = building.build(ChunkRequest(SPHERE, keys[0], cells=16, encoding=Encoding(profile="f32")), keys)
-    expected = welding.weld(built.surfaces, keys[0], keys[-1]).normals
+    normal_at: dict[tuple[float, ...], np.ndarray] = {}
+    for key, surface in built.surfaces:
+        points = (surface.positions[:, :3] + 32768 * (np.array(key[1:]) + 2) - 16384) * (voxel_size * 16 / 32768)
+        normal_at |= dict(zip(map(tuple, points.tolist()), surface.normals, strict=True))
+    expected = np.array([normal_at[tuple(point)] for point in found.vertices.tolist()])
     assert len(found.vertex_normals) == len(expected) > 1000
     assert abs(found.vertex_normals - expected).max() < 2e-6
     faces = trimesh.Trimesh(found.vertices, found.faces, process=False).vertex_normals
@@ -112,13 +122,15 @@ def test_far_from_the_origin_a_box_keeps_every_bit(tmp_path, form):
 
 
 def test_the_worlds_frame_says_what_it_costs(tmp_path):
-    options = ("--recipe", "hills", "--chunk", 1 << 20, 0, 0, "--frame", "world")
+    options = ("--recipe", "hills", "--box", 1 << 20, 0, 0, 1 << 20, 0, 1, "--frame", "world")
     told = written(tmp_path / "far.ply", *options)
     assert 0 < told["position_error"] <= 2
     assert "--frame box" in run("mesh", tmp_path / "far.ply", *options).stdout
     for exact in ("far.obj", "far.glb"):
         assert written(tmp_path / exact, *options)["position_error"] == 0
-    assert read(tmp_path / "far.obj").bounds[0][0] >= 32 << 20
+    bounds = [read(tmp_path / f"far.{form}").bounds.tolist() for form in ("obj", "glb")]
+    assert bounds[0] == bounds[1]
+    assert bounds[0][0][0] >= 32 << 20
 
 
 @pytest.mark.parametrize("voxel_size", [0.1, 2.0**-20, 3e5])
@@ -250,7 +262,8 @@ def test_too_many_triangles_end_it_and_leave_what_was_there(tmp_path, ball_json,
 
 
 def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
-    def full(_file, _body):
+    def full(path, body):
+        path.write_bytes(body[:10])
         raise OSError(28, "No space left on device")
 
     file = tmp_path / "a.glb"
@@ -261,20 +274,38 @@ def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_positions_are_compared_as_integers_in_the_longest_boxes():
-    """Welding by one int64 for each position: the ends of a box of CHUNKS_MAX chunks in a row are not mixed up."""
-    chunks = dict(box_of_chunks(WorldRecipe(0, builtin("plane")), 0, (0, -1, 0), (1, 1, 1), 16))
-    (surface,) = [found for found in chunks.values() if not found.is_empty]
+def test_a_file_is_replaced_as_a_whole(tmp_path):
+    """Whoever has the old one open goes on reading the old one."""
+    file, old = tmp_path / "a.glb", tmp_path / "old.glb"
+    file.write_bytes(b"before")
+    old.hardlink_to(file)
+    written(file, "--chunk", 0, 0, 0)
+    assert old.read_bytes() == b"before"
+    assert {path.name for path in tmp_path.iterdir()} == {"a.glb", "old.glb"}
+
+
+@pytest.mark.parametrize("sides", [(4, 1, 1), (1, 4, 1), (1, 1, 4), (2, 3, 4), (32, 32, 32), *longest()])
+def test_positions_are_the_same_if_all_three_coordinates_are(sides, rng):
+    """Points that are one step apart on one axis, and any number of half chunks on another, are two points."""
+    high = ChunkKey(0, *(side - 1 for side in sides))
+    steps = np.array(list(product((0, 1), (0, 1), (0, 1), range(0, 49153 - 16384, 16384))))
+    positions = np.full((3 * len(steps), 4), 65535, np.uint16)
     for axis in range(3):
-        last = [0, 0, 0]
-        last[axis] = welding.CHUNKS_MAX - 1
-        keys = [ChunkKey(0, 0, 0, 0), ChunkKey(0, *last)]
-        welded = welding.weld([(key, surface) for key in keys], *keys)
-        place = welded.points.reshape(-1, 3)
-        assert len(rows(place)) == len(place)
-        assert place[:, axis].max() == int(surface.positions[:, axis].max()) - 16384 + 32768 * (welding.CHUNKS_MAX - 1)
-        one = rows(surface.positions[:, :3].astype(int) - 16384)
-        assert rows(place) == one | {tuple(np.add(point, np.multiply(32768, last))) for point in one}
+        rows_of_axis = positions[axis * len(steps) : (axis + 1) * len(steps)]
+        rows_of_axis[:, :3] = 16384 + steps[:, :3]
+        rows_of_axis[:, axis] = 16384 + steps[:, 3]
+    triangles = np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
+    normals = np.zeros((len(positions), 3), np.float32)
+    made = Mesh("surface", positions, normals, triangles)
+    keys = {ChunkKey(0, 0, 0, 0), high} | {ChunkKey(0, *place) for place in rng.integers(0, sides, (40, 3)).tolist()}
+    welded = welding.weld([(key, made) for key in keys], ChunkKey(0, 0, 0, 0), high)
+    expected = {
+        tuple(point)
+        for key in keys
+        for point in (positions[:, :3].astype(int) - 16384 + 32768 * np.array(key[1:])).tolist()
+    }
+    assert len(welded.points) == len(expected)
+    assert rows(welded.points) == expected
 
 
 def test_the_longest_formats_of_a_lattice_unit():

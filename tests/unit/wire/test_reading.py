@@ -5,6 +5,7 @@ import re
 import struct
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,9 +35,9 @@ def examined(file: bytes) -> Findings:
 
 
 def examined_as(name: str, file: bytes) -> Findings:
-    begun = time.perf_counter()
+    begun = time.process_time()
     found = FORMATS[name].examine(file)
-    assert time.perf_counter() - begun < SECONDS_MAX
+    assert time.process_time() - begun < SECONDS_MAX
     json.dumps(found.facts, allow_nan=False)
     return found
 
@@ -241,6 +242,22 @@ def test_what_is_wrong_with_a_glb_is_named_by_its_path(path: str, value: object,
     assert re.sub(r"\[(\d+)\]", r".\1", found[0].where).startswith((f"$.{path}", "byte", "$.nodes.0"))
 
 
+def put_in(name: str, value: object, tree: dict[str, Any]) -> None:
+    tree[name] = value
+
+
+def test_deep_values_where_a_list_should_be():
+    deep: list[object] = []
+    for _ in range(600):
+        deep = [deep]
+    for name in ("extensionsUsed", "buffers", "accessors"):
+        (fault,) = examined(scene(partial(put_in, name, deep), written(GLB))).faults
+        assert fault == ("$", "is nested deeper than 16 levels")
+    odd = examined(scene(lambda tree: tree.update(extensionsUsed=[7, "x"]), written(GLB)))
+    assert odd.facts["extensions"] == ["x"]
+    assert [fault.where for fault in odd.faults] == ["$.extensionsUsed"]
+
+
 def test_more_members_are_no_fault():
     assert examined(scene(lambda tree: tree["asset"].update(copyright="me"), written(GLB))).faults == []
 
@@ -248,8 +265,9 @@ def test_more_members_are_no_fault():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (b"[" * 60_000, "is no JSON"),
-        (b'{"a":' * 12_000, "is no JSON"),
+        (b"[" * 60_000, "is nested deeper"),
+        (b'{"a":' * 12_000, "is nested deeper"),
+        (b"[" * 900 + b"]" * 900, "is nested deeper"),
         (b"{}", "$.nodes[0].extras is not there"),
         (b"[]", "$.nodes[0].extras is not there"),
         (b"NaN", "NaN is no number"),
