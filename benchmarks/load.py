@@ -60,6 +60,7 @@ class Load(Observer):
 
     def ended(self, exchange: Exchange) -> None:
         """Count what a request came to."""
+        self.seconds = exchange.ended - self._started
         if exchange.answer is None:
             self.statuses[exchange.failure] += 1
         else:
@@ -76,12 +77,15 @@ class Load(Observer):
     def run(self, loading: Coroutine[None, None, None]) -> "Load":
         """Run a load to its end. Raises TimeoutError if it did not end in time."""
         with asyncio.Runner(loop_factory=new_event_loop) as runner:
-            runner.run(loading)
-        self.seconds, self.cpu_seconds = time.perf_counter() - self._started, time.process_time() - self._cpu_started
+            runner.run(self._timed(loading))
         self.latencies.sort()
         if self.statuses["timeout"]:
             raise TimeoutError(f"{self.statuses['timeout']} requests had no answer within {LOAD_SECONDS_MAX:g} s")
         return self
+
+    async def _timed(self, loading: Coroutine[None, None, None]) -> None:
+        await loading
+        self.cpu_seconds = time.process_time() - self._cpu_started
 
     def quantile(self, share: float) -> float:
         """Return the latency, in seconds, that `share` of the answers did not exceed."""
