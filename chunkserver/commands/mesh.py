@@ -15,6 +15,7 @@ from chunkserver.commands.files import PIPE, check_writable, write
 from chunkserver.commands.given import RecipeOption, SeedOption, recipe_of
 from chunkserver.commands.loading import load
 from chunkserver.commands.saying import counted, end, say_json
+from chunkserver.commands.warm import make_ready
 from chunkserver.commands.welding import CHUNKS_MAX, weld
 from chunkserver.errors import BadParameter
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey
@@ -22,7 +23,6 @@ from chunkserver.mesh import Content
 from chunkserver.pipeline import ChunkRequest, build_chunk, check_request
 from chunkserver.recipe import RECIPE_DEFAULT, WorldRecipe
 from chunkserver.wire import FORMATS, Encoding, Placement
-from chunkserver.worker import warm
 
 app: Final = typer.Typer(add_completion=False, rich_markup_mode=None)
 
@@ -107,9 +107,7 @@ def command(
     asked = _Asked(first, ChunkKey(lod, *high), wanted, shown)
     asked = asked._replace(first=replace(first, encoding=_encoding(asked, profile, frame)))
     _check(asked, file, as_json)
-    done = warm()
-    if done.compiled:
-        typer.echo(f"compiled {done.compiled} functions, once for this version ({done.seconds:.0f} s)", err=True)
+    make_ready()
     made = _chunk(asked) if asked.is_of_wire else _box(asked)
     write(file, made.body)
     _say(file, asked, made, as_json)

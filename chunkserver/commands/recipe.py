@@ -55,7 +55,7 @@ def check_command(
     """Say whether a recipe is one, and what it costs. What is wrong is named by its path in the tree."""
     given = recipe_of(file)
     recipe = WorldRecipe(0, given.source)
-    load("chunkserver.worker").warm()
+    load("chunkserver.commands.warm").make_ready()
     load("chunkserver.field").prove(recipe, ChunkKey(0, 0, 0, 0), ChunkShape())
     every = list(_nodes(recipe.expression))
     cost = sum(node.cost() for node in every)

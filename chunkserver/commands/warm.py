@@ -5,6 +5,7 @@ from typing import Final
 import typer
 
 from chunkserver import worker
+from chunkserver.kernel import CACHE_DIR
 
 app: Final = typer.Typer(add_completion=False, rich_markup_mode=None)
 
@@ -15,3 +16,10 @@ def command() -> None:
     done = worker.warm()
     what = f"compiled {done.compiled} functions" if done.compiled else "everything was compiled already"
     typer.echo(f"{what} ({done.seconds:.1f} s)")
+
+
+def make_ready() -> None:
+    """Have all kernels before the first is needed. If they have to be compiled, say so: it takes a while."""
+    if not CACHE_DIR.exists():
+        typer.echo("the kernels are compiled, once for this version: half a minute", err=True)
+    worker.warm()

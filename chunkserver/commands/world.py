@@ -11,13 +11,13 @@ import typer
 from chunkserver.catalogue import FILE_NAME, LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, Catalogue, World
 from chunkserver.commands.given import RecipeOption, SeedOption, recipe_of
 from chunkserver.commands.saying import end, say_json, say_table
+from chunkserver.commands.warm import make_ready
 from chunkserver.errors import BadParameter, StoreError
 from chunkserver.field import prove
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.pipeline import ChunkRequest, check_request, generator
 from chunkserver.recipe import RECIPE_DEFAULT, WorldRecipe
 from chunkserver.server import Settings, with_settings
-from chunkserver.worker import warm
 
 app: Final = typer.Typer(
     no_args_is_help=True, add_completion=False, rich_markup_mode=None, help="The worlds that a folder keeps."
@@ -84,7 +84,7 @@ def create_command(
         chunk_cells=cells,
     )
     check_request(ChunkRequest(pristine, _MIDDLE, cells, voxel_size))
-    warm()
+    make_ready()
     prove(pristine, _MIDDLE, ChunkShape(cells))
     with _opened(settings, new=True) as catalogue:
         if catalogue.create(world) is not world:

@@ -240,13 +240,13 @@ REFUSED = [
 @pytest.mark.parametrize(("arguments", "said"), REFUSED)
 def test_what_cannot_be_is_refused_before_anything_is_built(tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(mesh, "warm", None)
+    monkeypatch.setattr(mesh, "make_ready", None)
     assert said in refused(2, "mesh", *arguments)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_where_it_cannot_be_written_is_known_before_anything_is_built(tmp_path, monkeypatch):
-    monkeypatch.setattr(mesh, "warm", None)
+    monkeypatch.setattr(mesh, "make_ready", None)
     (tmp_path / "folder.glb").mkdir()
     assert "there is no folder" in refused(1, "mesh", tmp_path / "none" / "a.glb", "--chunk", 0, 0, 0)
     assert "it is a folder" in refused(1, "mesh", tmp_path / "folder.glb", "--chunk", 0, 0, 0)

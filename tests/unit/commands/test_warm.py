@@ -1,6 +1,7 @@
 import pytest
 
 from chunkserver import worker
+from chunkserver.commands import warm
 from chunkserver.worker import Warmth
 from tests.unit.commands.typed import run
 
@@ -9,3 +10,12 @@ from tests.unit.commands.typed import run
 def test_warm_says_what_it_did(monkeypatch, compiled, said):
     monkeypatch.setattr(worker, "warm", lambda: Warmth("digest", compiled, 3.5))
     assert said in run("warm").stdout
+
+
+def test_a_command_that_compiles_says_so_before(monkeypatch, capsys, tmp_path):
+    said = []
+    monkeypatch.setattr(worker, "warm", lambda: said.append(capsys.readouterr()))
+    for folder in (tmp_path, tmp_path / "none"):
+        monkeypatch.setattr(warm, "CACHE_DIR", folder)
+        warm.make_ready()
+    assert said == [("", ""), ("", "the kernels are compiled, once for this version: half a minute\n")]
