@@ -101,6 +101,54 @@ def test_a_count_far_too_large_is_refused_before_anything_is_allocated():
         decode(content)
 
 
+@pytest.mark.parametrize(
+    ("at", "word", "says"),
+    [
+        (192, struct.pack("<H", 4), "an index is 4: there are 4 vertices"),
+        (104, struct.pack("<I", 96), "at 96"),
+        (104, struct.pack("<I", 152), "at 152"),
+        (52, struct.pack("<I", 5), "three a triangle"),
+        (6, struct.pack("<H", 80), "table"),
+        (6, struct.pack("<H", 65535), "table"),
+        (66, b"\x03", "index_bytes is 3"),
+        (63, b"\x02", "profile is 2"),
+        (64, b"\x40", "coarser is 64"),
+        (65, b"\x03", "content is 3"),
+        (65, b"\x00", "content is air"),
+        (67, b"\x02", r"no block of kind \[3\]"),
+        (96, b"\x02", "kind 2"),
+        (39, b"\x80", "revision"),
+        (56, struct.pack("<f", -2.0), "geometric_error is -2"),
+        (56, struct.pack("<f", float("nan")), "geometric_error is nan"),
+        (72, struct.pack("<H", 17409), "above high"),
+    ],
+)
+def test_each_rule_of_the_page(at: int, word: bytes, says: str):
+    content = bytearray(hexdump(NATIVE, "std"))
+    content[at : at + len(word)] = word
+    with pytest.raises(BadChunk, match=says):
+        decode(content)
+
+
+def test_an_index_beyond_the_vertices_of_a_glb(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("tests.client.gltf.INDICES", np.array([0, 2, 1, 1, 2, 4], "<u2"))
+    with pytest.raises(BadChunk, match="an index is 4"):
+        decode(glb(scene()), GLB_MEDIA_TYPE)
+
+
+def test_blocks_of_a_later_writer_are_skipped():
+    content = bytearray(hexdump(NATIVE, "std"))
+    content[67] = 4
+    content[68:72] = struct.pack("<I", len(content) + 16)
+    for row in range(3):
+        at = 96 + 16 * row + 8
+        content[at : at + 4] = struct.pack("<I", struct.unpack_from("<I", content, at)[0] + 16)
+    content[96:96] = struct.pack("<4H2I", 77, 1, 2, 3, 4, 5)
+    mesh, wanted = decode(content), decode(hexdump(NATIVE, "std"))
+    assert mesh.positions.tolist() == wanted.positions.tolist()
+    assert mesh.triangles.tolist() == wanted.triangles.tolist()
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e9, -1e9])
 @pytest.mark.parametrize("at", [144, 192])
 def test_floats_that_cannot_be_are_refused(value: float, at: int):

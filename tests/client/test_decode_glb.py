@@ -73,6 +73,7 @@ WRONG: list[tuple[str, Any]] = [
     ("bufferViews.0.byteStride", 4),
     ("bufferViews.2.byteStride", 4),
     ("bufferViews.2.byteOffset", 0),
+    ("bufferViews.2.byteLength", 20),
     ("bufferViews.2.buffer", 1),
     ("extensionsRequired", ["KHR_mesh_quantization", "KHR_draco_mesh_compression"]),
     ("extensionsRequired", None),

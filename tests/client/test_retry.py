@@ -154,6 +154,14 @@ def test_a_problem_that_is_none_is_still_an_error_of_its_status(content):
             checked(Answer(404, {"content-type": media_type}, content), 200)
 
 
+def test_a_body_is_not_read_beyond_its_limit(monkeypatch):
+    monkeypatch.setattr("chunkserver_client.exchange.BODY_BYTES_MAX", 100)
+    once = Retry(attempts_max=1)
+    assert Script([json_answer(200, bytes(100))]).run(exchange(once).ask(GET, body)) == bytes(100)
+    with pytest.raises(BadAnswer, match="more than 100 bytes"):
+        Script([json_answer(200, bytes(101))]).run(exchange(once).ask(GET, body))
+
+
 def test_a_redirect_is_not_followed():
     with pytest.raises(BadAnswer, match="302"):
         Script([json_answer(302)]).run(exchange(Retry(attempts_max=1)).ask(GET, body))

@@ -11,7 +11,6 @@ from typing import Any, Final, NoReturn, TypeVar
 from chunkserver_client.errors import BadAnswer
 
 SHOWN_CHARACTERS_MAX: Final = 80
-SHOWN_BITS_MAX: Final = 64
 DECIMAL_CHARACTERS_MAX: Final = 20
 
 Known = TypeVar("Known", bound=str)
@@ -116,6 +115,4 @@ def _no_constant(name: str) -> NoReturn:
 def _shown(value: Any) -> str:
     if isinstance(value, (dict, list)):
         return f"{type(value).__name__} of {len(value)}"
-    if isinstance(value, int) and value.bit_length() > SHOWN_BITS_MAX:
-        return f"an integer of {value.bit_length()} bits"
     return repr(value)[:SHOWN_CHARACTERS_MAX]
