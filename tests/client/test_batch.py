@@ -70,6 +70,13 @@ def test_a_batch_that_comes_too_slowly_is_given_up():
     assert raised.value.__notes__ == ["3 of 3 chunks are missing"]
 
 
+def test_a_whole_batch_without_the_chunks_is_no_answer():
+    script = Script([stream(frame(END, 200)), stream(frame(7), frame(END, 200, count=1))])
+    with pytest.raises(BadAnswer, match="are missing in it"):
+        run(script, Retry(attempts_max=2, backoff_seconds=0))
+    assert len(script.requests) == 2
+
+
 def test_a_503_of_one_chunk_is_asked_for_again_and_the_others_are_not():
     script = Script([stream(frame(0, 503, "", body=PROBLEM), *REST), stream(frame(0), frame(END, 200, count=1))])
     run(script, Retry(backoff_seconds=0))

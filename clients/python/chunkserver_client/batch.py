@@ -98,8 +98,8 @@ class Batch:
             answer = checked((yield from self.exchange.rest(head, trial)), 200)
             raise BadAnswer(f"the media type is {media_type(answer.headers)!r}: expected {MEDIA_TYPE}")
         busy = yield from self._frames(wanted, trial)
-        if busy is not None:
-            raise busy
+        if self._missing:
+            raise busy or BadAnswer("the batch is whole, but chunks are missing in it")
 
     def _frames(self, wanted: Sequence[_Wanted], trial: Trial) -> Steps[Unavailable | None]:
         """Take all frames. Return the last that may be asked for again. Raises `BadAnswer` if the stream is cut."""
