@@ -18,6 +18,7 @@ from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape
 from chunkserver.mesh import Mesh
 from chunkserver.mesher import extract
 from chunkserver.recipe import WorldRecipe
+from pages.weld import edges, weld
 
 Place = tuple[int, int, int]
 Chunks = Sequence[tuple[ChunkKey, Mesh]]
@@ -35,11 +36,8 @@ PLACES: Final[dict[str, Place]] = {"planet": (0, 200, 0), "moon": (0, 400, 0), "
 
 SHAPE: Final = ChunkShape()
 CHUNK_UNITS: Final = POSITION_HIGH - POSITION_LOW
-AXIS_BITS: Final = 21
-"""Bits of one coordinate of a welded point: three sort as one int64."""
 
 assert CHUNKS_ASIDE % 2 == 0
-assert CHUNKS_ASIDE * CHUNK_UNITS < 1 << AXIS_BITS
 
 
 class Level(NamedTuple):
@@ -79,28 +77,27 @@ def view(recipe: WorldRecipe, place: Place, lod: int, aside: int = CHUNKS_ASIDE)
 def stray_pieces(chunks: Chunks) -> int:
     """Return how many closed pieces of the surface have an extent under STRAY_CELLS cells.
 
-    chunks: of one level, at most 64 a side, welded by equality. A piece with an open edge is not closed: it goes on in
-    a chunk that is not here. A piece that is all there is is no stray: it is the world, seen from far away.
+    chunks: of one level, welded by equality. A piece with an open edge is not closed: it goes on in a chunk that is not
+    here. A piece that is all there is is no stray: it is the world, seen from far away.
     """
     points, triangles = _weld(chunks)
     piece = _pieces(triangles, len(points))
     low, high = _extents(points, piece)
     small = (high - low < STRAY_CELLS * SHAPE.units_per_cell).all(axis=1)
     is_open = np.zeros(len(low), np.bool_)
-    is_open[piece[_open_vertices(triangles, len(points))]] = True
+    sides, balance = edges(triangles)
+    is_open[piece[sides[balance != 0]]] = True
     return int(np.count_nonzero(small & ~is_open)) if len(low) > 1 else 0
 
 
 def _weld(chunks: Chunks) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (V, 3) points in lattice units from the low corner of all, and (T, 3) triangles."""
-    corners = np.array([key[1:] for key, _ in chunks], np.int64)
-    corners = (corners - corners.min(axis=0)) * CHUNK_UNITS
+    """Return (V, 3) points in lattice units, and (T, 3) triangles."""
+    corners = np.array([key[1:] for key, _ in chunks], np.int64) * CHUNK_UNITS
     parts = [mesh.positions[:, :3] + corner for corner, (_, mesh) in zip(corners, chunks, strict=True)]
     starts = np.cumsum([0, *map(len, parts)])
     triangles = [mesh.triangles + start for start, (_, mesh) in zip(starts, chunks, strict=False)]
-    shifts = AXIS_BITS * np.arange(3)
-    packed, number = np.unique((np.concatenate(parts) - POSITION_LOW) @ (1 << shifts), return_inverse=True)
-    return packed[:, None] >> shifts & (1 << AXIS_BITS) - 1, number[np.concatenate(triangles)]
+    points, number = weld(np.concatenate(parts))
+    return points, number[np.concatenate(triangles)]
 
 
 def _pieces(triangles: NDArray[np.int64], vertices: int) -> NDArray[np.int64]:
@@ -115,12 +112,3 @@ def _extents(points: NDArray[np.int64], piece: NDArray[np.int64]) -> tuple[NDArr
     order = np.argsort(piece, kind="stable")
     starts = np.flatnonzero(np.diff(piece[order], prepend=-1))
     return np.minimum.reduceat(points[order], starts), np.maximum.reduceat(points[order], starts)
-
-
-def _open_vertices(triangles: NDArray[np.int64], vertices: int) -> NDArray[np.int64]:
-    """Return the vertices of the edges that triangles do not walk equally often both ways."""
-    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    low, high = edges.min(axis=1), edges.max(axis=1)
-    packed, number = np.unique(low * vertices + high, return_inverse=True)
-    balance = np.bincount(number, np.where(edges[:, 0] == low, 1, -1))
-    return np.concatenate(np.divmod(packed[balance != 0], vertices))
