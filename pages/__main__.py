@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from pages import nodes, pictures, tables
+from pages import meshes, nodes, pictures, tables
 from pages.views import VIEWS
 
 DOCS: Final = Path(__file__).parents[1] / "docs"
@@ -17,6 +17,8 @@ GENERATORS: Final[dict[str, Generator]] = {
     "nodes": nodes.write_nodes,
     "levels": tables.write_levels,
     **{f"picture-{view.name}": partial(pictures.write, view) for view in VIEWS},
+    "meshes": meshes.write_page,
+    **{f"mesh-{picture.name}": partial(meshes.write_picture, picture) for picture in meshes.PICTURES},
 }
 """Name -> a function that writes one file below the folder it is given, and returns the file's path."""
 
