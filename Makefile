@@ -1,5 +1,7 @@
-# Needs python3 (3.11 or newer) and make; `make test` needs Node.js with npm too. Everything lands in .venv and .cache.
-# ARGS is passed on: make run ARGS="--port 9000"; make test ARGS="tests/unit -k grid"; make lock ARGS=--upgrade
+# Needs python3 (3.11 or newer) and make; `make test` needs Node.js with npm too and, on
+# Linux, Mesa's libEGL, which draws the pictures. Everything lands in .venv and .cache.
+# ARGS is passed on: make run ARGS="--port 9000"; make test ARGS="tests/unit -k grid"; make lock ARGS=--upgrade;
+# make bench ARGS="--only extraction"; make bench ARGS="compare HEAD~1"
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -12,23 +14,24 @@ UV_COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 \
 RUNTIME := .venv/.runtime-installed
 DEV := .venv/.dev-installed
 NODE := tests/node_modules/.installed
+EGL := .venv/.egl-found
 
 .PHONY: run test bench torture docs lint format lock clean
 
 run: $(RUNTIME)
 	$(BIN)/chunkserver serve --data data $(ARGS)
 
-test: lint $(NODE)
+test: lint $(NODE) $(EGL)
 	$(BIN)/pytest $(ARGS)
 
-torture: $(DEV) $(NODE)
+torture: $(DEV) $(NODE) $(EGL)
 	CHUNKSERVER_TORTURE=1 $(BIN)/pytest $(ARGS)
 
 bench: $(DEV)
 	$(BIN)/python -m benchmarks $(ARGS)
 
-# What is generated in docs/. The pictures take about half a minute each: make docs ARGS="levels picture-planet"
-docs: $(DEV)
+# What is generated in docs/. The pictures take about half a minute each: make docs ARGS="levels picture-planet mesh-canyon"
+docs: $(DEV) $(EGL)
 	$(BIN)/python -m pages $(ARGS)
 
 lint: $(DEV)
@@ -37,6 +40,7 @@ lint: $(DEV)
 	$(BIN)/mypy chunkserver tests benchmarks pages clients/python clients/loadtest
 
 format: $(DEV)
+	$(BIN)/python clients/python/write_async_client.py
 	$(BIN)/ruff check --fix-only
 	$(BIN)/ruff format
 
@@ -67,4 +71,11 @@ $(NODE): tests/package.json tests/package-lock.json
 		&& apt-get -qq update && apt-get -qq install --yes nodejs npm; } \
 		|| { echo "make test needs Node.js with npm: please install it first" >&2; exit 1; }
 	cd tests && npm ci --no-audit --no-fund --loglevel=error
+	touch $@
+
+$(EGL): $(DEV)
+	@[ "$$(uname)" != Linux ] || $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")' 2>/dev/null \
+		|| { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+		&& apt-get -qq update && apt-get -qq install --yes libegl1 libgl1-mesa-dri; } \
+		|| { echo "pictures are drawn by Mesa: please install its libEGL first (Debian: libegl1 libgl1-mesa-dri)" >&2; exit 1; }
 	touch $@
