@@ -37,7 +37,7 @@ class Load(Observer):
     seconds: from the first request to the last answer. cpu_seconds: of this process, meanwhile.
     bytes: of all answers, heads included.
     latencies: seconds, one per answer, ascending. good_latencies: of the answers that are no errors, as they came.
-    statuses: how many answers had each status, and how many requests ended without one, by what came instead.
+    statuses: how many answers had each status, and how many requests have none, by what came instead.
     """
 
     seconds: float = 0.0
@@ -65,6 +65,10 @@ class Load(Observer):
             self.statuses[exchange.failure] += 1
         else:
             self.count(exchange.status, exchange.latency, exchange.received)
+
+    def unsent(self, _exchange: Exchange) -> None:
+        """Count a request that was not sent."""
+        self.statuses["unsent"] += 1
 
     def count(self, status: str, latency: float, answer_bytes: int) -> None:
         """Count one answer."""
@@ -108,8 +112,8 @@ def offer(url: str, requests: Iterable[Request], rate: float, seconds: float) ->
     """Send requests at a fixed rate, whether or not earlier ones are answered: an open loop, as many users are.
 
     rate: requests a second. seconds: for how long; then the answers that are still to come are waited for.
-    Latencies count from when a request was due. One for which OPEN_CONNECTIONS_MAX others wait is not sent, and has no
-    answer; one whose connection ends before its answer is counted as what happened.
+    Latencies count from when a request was due. One for which OPEN_CONNECTIONS_MAX others wait is not sent, and is
+    counted as `unsent`; one whose connection ends before its answer is counted as what happened.
 
     Raises TimeoutError if answers are missing after LOAD_SECONDS_MAX.
     """

@@ -5,6 +5,7 @@ each of 8 connections sends its next request when it has its answer. Then reques
 of earlier ones: 3 and 10 times the capacity of the same round. What is too much is refused with a 503.
 
 - Goodput: chunks, a second; beside it how many times the capacity that is.
+- Lost: requests that had neither a chunk nor a refusal, or that were not even sent.
 - Median and 99 % are of the chunks alone, from when a request was due to its last byte.
 - Again normal: the capacity once more, 2 s after the load has ended.
 - The client and the refusals take their time from the same cores as the workers.

@@ -42,7 +42,7 @@ def preface(facts: Mapping[str, str]) -> str:
 def section(job: Job, lines: Sequence[Line]) -> str:
     """Return one job's heading, note and table: a line per subject, a column per figure."""
     columns = list(dict.fromkeys((figure.name, figure.unit) for line in lines for figure in line.figures))
-    head = ["", *(f"{name}, {unit}" for name, unit in columns)]
+    head = ["", *(", ".join(filter(None, column)) for column in columns)]
     rows = [[line.subject, *_cells(line, columns)] for line in lines]
     table = [row(head), row(["---", *("---:" for _ in columns)]), *map(row, rows)]
     return "\n".join([f"## {job.title}", "", job.note.strip(), "", *table, ""])

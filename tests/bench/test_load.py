@@ -1,5 +1,7 @@
 """Load as the benchmarks count it. How it is made, tests/loadtest holds."""
 
+import asyncio
+
 import pytest
 
 from benchmarks import load
@@ -72,3 +74,14 @@ def test_an_open_loop_does_not_open_connections_for_ever(monkeypatch):
         offer(server.url, (Request("/") for _ in range(1000)), rate=100.0, seconds=0.2)
     assert len(server.requests) == 4
     assert server.open_most == 4
+
+
+def test_what_an_open_loop_does_not_send_is_counted(monkeypatch):
+    async def slow(_head: str) -> bytes:
+        await asyncio.sleep(0.4)
+        return OK
+
+    monkeypatch.setattr(load, "OPEN_CONNECTIONS_MAX", 4)
+    with answering(slow) as server:
+        done = offer(server.url, (Request("/") for _ in range(1000)), rate=100.0, seconds=0.2)
+    assert dict(done.statuses) == {"200": 4, "unsent": 16}
