@@ -7,6 +7,7 @@ makes the exit code 1. Any host may be named: Locust asks nobody whether it is t
 """
 
 import itertools
+import threading
 import time
 from argparse import ArgumentParser
 from collections.abc import Iterator
@@ -36,8 +37,9 @@ events.init_command_line_parser.add_listener(add_options)  # type: ignore[no-unt
 
 
 class Shared:
-    """What all users know, read when the first of them starts."""
+    """What all users know, read when the first of them starts; the others wait for it."""
 
+    reading: ClassVar = threading.Lock()  # of gevent: locust puts its own in place of all locks
     world: ClassVar[World | None] = None
     checker: ClassVar[Checker]
     options: ClassVar[Options]
@@ -47,13 +49,14 @@ class Shared:
     @classmethod
     def learn(cls, user: FastHttpUser) -> World:
         """Return the world, whose descriptor is asked for once."""
-        if cls.world is None:
-            given = user.environment.parsed_options
-            path = world_path(given.world, given.world_seed, given.recipe)
-            cls.world = describe(resolve(user.host or "", allow_remote=True), path, "mesh", {})
-            cls.checker, cls.options = Checker(cls.world), Options(given.load_seed)
-            cls.cold = PROFILES["cold-unique"].schedule(cls.world, cls.options, ())
-        return cls.world
+        with cls.reading:
+            if cls.world is None:
+                given = user.environment.parsed_options
+                path = world_path(given.world, given.world_seed, given.recipe)
+                cls.world = describe(resolve(user.host or "", allow_remote=True), path, "mesh", {})
+                cls.checker, cls.options = Checker(cls.world), Options(given.load_seed)
+                cls.cold = PROFILES["cold-unique"].schedule(cls.world, cls.options, ())
+            return cls.world
 
 
 class Viewer(FastHttpUser):

@@ -6,6 +6,7 @@ import json
 import struct
 
 import pytest
+from backports import zstd
 
 from chunkserver_loadtest.checks import KINDS, Checker, Fault
 from chunkserver_loadtest.exchange import Answer, Exchange, Request
@@ -148,8 +149,17 @@ def test_a_coding_is_undone():
     request = REQUEST._replace(coding="gzip")
     right, cut = gzip.compress(FILE), gzip.compress(FILE)[:-20]
     assert fault_of(Checker(WORLD), request, given(right, coding="gzip")) == ""
-    assert fault_of(Checker(WORLD), request, given(cut, coding="gzip")) == "bad-chunk"
+    assert fault_of(Checker(WORLD), request, given(cut, coding="gzip")) == "bad-coding"
     assert fault_of(Checker(WORLD), request, given(b"no gzip", coding="gzip")) == "bad-coding"
+
+
+@pytest.mark.parametrize(("coding", "compress"), [("gzip", gzip.compress), ("zstd", zstd.compress)])
+def test_a_coding_is_undone_to_its_last_byte(coding, compress):
+    """The end of a gzip file is a checksum: all of the chunk is there without it."""
+    request, whole = REQUEST._replace(coding=coding), compress(FILE)
+    assert fault_of(Checker(WORLD), request, given(whole, coding=coding)) == ""
+    for wrong in (whole[:-1], whole[:-8], whole + b"more"):
+        assert fault_of(Checker(WORLD), request, given(wrong, coding=coding)) == "bad-coding"
 
 
 def test_a_bomb_is_not_unpacked():

@@ -4,6 +4,7 @@ import os
 import pty
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,15 @@ def test_a_run_says_what_it_found(tmp_path):
     result = load(tmp_path / "a.json")
     assert (result.profile, result.counts.due, result.counts.decoded) == ("cold-unique", 30, 30)
     assert result.options["rate"] == 100.0
+
+
+def test_the_rate_that_was_intended_is_told_of_a_run_that_ends_early(tmp_path):
+    options = ("--rate", "200", "--requests", "20", "--seconds", "30", "--output", str(tmp_path / "a.json"))
+    with answering(world) as server:
+        assert run("run", "cold-unique", "--url", server.url, *options).exit_code == 0
+    result = load(tmp_path / "a.json")
+    assert result.counts.due == 20
+    assert result.throughput.intended == pytest.approx(200)
 
 
 def test_a_result_that_cannot_be_written_is_one_line(tmp_path):
@@ -132,12 +142,15 @@ def on_a_terminal(arguments: list[str]) -> tuple[int, str]:
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
     with subprocess.Popen(arguments, stdin=theirs, stdout=theirs, stderr=theirs, env=environment) as child:
         os.close(theirs)
-        drawn = b""
+        drawn, ending = b"", threading.Timer(SECONDS_MAX, child.kill)
+        ending.start()
         try:
             while piece := os.read(ours, 1 << 16):
                 drawn += piece
         except OSError:  # Linux says so when the other end is closed
             pass
+        finally:
+            ending.cancel()
         os.close(ours)
         return child.wait(SECONDS_MAX), drawn.decode()
 

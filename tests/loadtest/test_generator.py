@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import socket
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -113,7 +114,7 @@ def test_header_fields_are_found_whatever_their_case():
 def test_a_head_without_an_end_is_too_large():
     with answering(b"HTTP/1.1 200 OK\r\n" + b"a: b\r\n" * 20_000) as server:
         ledger = offered(server.url, at_rate(20), Limits(seconds=0.05))
-    assert set(ledger.statuses) <= {"too-large", "malformed-http"}
+    assert ledger.statuses == {"too-large": 1}
 
 
 @pytest.mark.parametrize(
@@ -201,7 +202,7 @@ def test_a_server_that_goes_away_fails_what_is_due():
 
         ledger = offered(server.url, stopping(), Limits(seconds=0.6, connections=2, timeout=1))
     assert len(ledger.exchanges) == 60
-    assert ledger.statuses["200"] >= 15
+    assert ledger.statuses["200"] >= 1
     assert ledger.statuses["no-connection"] >= 30
 
 
@@ -290,4 +291,12 @@ def test_a_target_is_on_this_machine(url, why):
 
 def test_another_machine_needs_permission():
     assert resolve("http://192.0.2.1:81/path", allow_remote=True)[:3] == ("192.0.2.1", 81, "192.0.2.1:81")
-    assert resolve("http://localhost:8000").address in ("127.0.0.1", "::1")
+
+
+@pytest.mark.parametrize("addresses", [["::1", "127.0.0.1"], ["127.0.0.1", "::1"], ["127.0.0.1"]])
+def test_a_name_is_its_ipv4_address_first(monkeypatch, addresses):
+    """A server that is told nothing listens there, and `localhost` may name ::1 before."""
+    families = {"::1": socket.AF_INET6, "127.0.0.1": socket.AF_INET}
+    found = [(families[one], socket.SOCK_STREAM, 6, "", (one, 8000)) for one in addresses]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    assert resolve("http://localhost:8000")[:3] == ("127.0.0.1", 8000, "localhost:8000")

@@ -3,12 +3,14 @@
 import itertools
 import math
 import random
+from collections.abc import Iterator
 
 import pytest
 
+from chunkserver_loadtest import profiles
 from chunkserver_loadtest.errors import BadOption
 from chunkserver_loadtest.exchange import Answer
-from chunkserver_loadtest.flight import LOOKS_PER_SECOND, distance, path, ring, urgency, views
+from chunkserver_loadtest.flight import LOOKS_PER_SECOND, Point, distance, path, ring, urgency, views
 from chunkserver_loadtest.profiles import PROFILES, Due, Options, arrivals, columns
 from tests.loadtest.test_checks import WORLD
 
@@ -157,8 +159,27 @@ def test_viewers_join_one_after_another_and_then_fly():
     assert sum(request.kind == "fly" for _, request in asked) == 3000 - len(arriving)
 
 
+def test_a_flight_ends_where_the_world_does(monkeypatch):
+    def leaving(*_of_a_flight: object) -> Iterator[Point]:
+        yield from ((float((1 << 40) + step), 0.0, 0.0) for step in range(0, 6400, 64))
+        raise AssertionError("the viewer is followed outside of the world")
+
+    monkeypatch.setattr(profiles, "path", leaving)
+    asked = list(profiles.flight(WORLD, Options(lods=2), 0))
+    assert {request.kind for _, request in asked} == {"arrive", "fly"}
+
+
 @pytest.mark.parametrize(
-    "wrong", [{"rate": 0}, {"viewers": 0}, {"batch": 1025}, {"revalidate": 1.1}, {"codings": ("br",)}, {"reach": 99}]
+    "wrong",
+    [
+        {"rate": 0},
+        {"viewers": 0},
+        {"speed": 0},
+        {"batch": 1025},
+        {"revalidate": 1.1},
+        {"codings": ("br",)},
+        {"reach": 99},
+    ],
 )
 def test_options_are_limited(wrong):
     with pytest.raises(BadOption, match=next(iter(wrong)).removesuffix("s")):

@@ -69,6 +69,14 @@ def test_of_a_long_run_few_seconds_have_a_histogram():
     assert all(one.p50 == pytest.approx(0.01, rel=1e-3) for one in record.seconds.values())
 
 
+def test_what_waits_for_a_connection_is_not_the_generators_lag():
+    record = Record()
+    record.begun(0.0)
+    for waits in (False, True):
+        record.due(Exchange(Request("/"), due=1.0, sent=1.0 + 5 * waits), waits, 1)
+    assert (record.due_count, record.lag.count, record.lag.highest) == (2, 1, 0.0)
+
+
 def test_failures_keep_one_example_of_each_kind():
     record = Record()
     record.begun(0.0)

@@ -12,13 +12,15 @@ from chunkserver_loadtest.record import Record
 from chunkserver_loadtest.result import Result, Value, load, save, summarise
 
 
-def result_with(latency: float, failures: int = 0, rate: float = 100.0, cpu_seconds: float = 0.1) -> Result:
-    """Return the result of 100 requests that all took so many seconds."""
+def result_with(
+    latency: float, failures: int = 0, rate: float = 100.0, cpu_seconds: float = 0.1, lag: float = 0.0
+) -> Result:
+    """Return the result of 100 requests that all took so many seconds. lag: how late each was sent."""
     record = Record()
     record.begun(50.0)
     for number in range(100):
         due = 50.0 + number / rate
-        exchange = Exchange(Request("/"), due, due, due + latency, Answer(200, b"", ()), received=1000)
+        exchange = Exchange(Request("/"), due, due + lag, due + latency, Answer(200, b"", ()), received=1000)
         record.due(exchange, False, 1)
         record.ended(exchange)
         if number < failures:
@@ -121,6 +123,13 @@ def test_a_budget_that_says_nothing_is_refused(budget):
 def test_a_metric_has_one_budget():
     with pytest.raises(BadBudget, match="two budgets"):
         compare(result_with(0.01), result_with(0.01), ["p99=+20%", "p99=30"])
+
+
+@pytest.mark.parametrize(
+    ("lag", "latency", "was_limit"), [(0.0019, 0.002, False), (0.003, 0.014, True), (0.003, 0.016, False)]
+)
+def test_a_generator_is_the_limit_if_it_is_late_beside_the_latency(lag, latency, was_limit):
+    assert result_with(latency, lag=lag).generator.was_limit is was_limit
 
 
 def test_what_cannot_be_compared_is_said():

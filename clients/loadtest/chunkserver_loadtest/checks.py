@@ -195,18 +195,18 @@ def _refusal(answer: Answer) -> Fault:
 
 
 def _plain(body: bytes, coding: str) -> bytes:
-    """Return the bytes without their content coding. Raises Fault if they have another one, or are too many."""
+    """Return the bytes without their content coding. Raises Fault if it is cut or another one, or they are too many."""
+    if coding not in ("gzip", "zstd"):
+        return body
+    undoing = zlib.decompressobj(wbits=31) if coding == "gzip" else zstd.ZstdDecompressor()
     try:
-        if coding == "gzip":
-            return _at_most(zlib.decompressobj(wbits=31).decompress(body, CHUNK_BYTES_MAX + 1))
-        if coding == "zstd":
-            return _at_most(zstd.ZstdDecompressor().decompress(body, CHUNK_BYTES_MAX + 1))
+        content = undoing.decompress(body, CHUNK_BYTES_MAX + 1)
     except (zlib.error, zstd.ZstdError, EOFError) as error:
         raise Fault("bad-coding", f"{coding}: {error}") from None
-    return body
-
-
-def _at_most(content: bytes) -> bytes:
     if len(content) > CHUNK_BYTES_MAX:
         raise Fault("too-large", f"more than {CHUNK_BYTES_MAX} bytes, its coding undone")
+    if not undoing.eof or undoing.unused_data:
+        raise Fault(
+            "bad-coding", f"{coding}: {len(body)} bytes are {'more than' if undoing.eof else 'a part of'} a file"
+        )
     return content

@@ -25,6 +25,8 @@ VIEWERS_MAX: Final = 1_000
 REACH_MAX: Final = 8
 HOT_MAX: Final = 10_000
 SPREAD_MAX: Final = 1 << 20
+SPEED_MIN: Final = 1.0
+"""Voxels a second. While a slower viewer is followed to its next chunk nothing would be sent."""
 SPEED_MAX: Final = 1e5
 FLIGHT_CHUNKS_MAX: Final = 1_000_000
 """Of one viewer, which remembers each: then it has seen enough."""
@@ -66,7 +68,7 @@ class Options:
             "rate": (1e-3, RATE_MAX),
             "spread": (1, SPREAD_MAX),
             "viewers": (1, VIEWERS_MAX),
-            "speed": (0, SPEED_MAX),
+            "speed": (SPEED_MIN, SPEED_MAX),
             "altitude": (-1e9, 1e9),
             "lods": (1, 21),
             "reach": (1, REACH_MAX),
@@ -158,7 +160,10 @@ def _fly(world: World, options: Options, _primed: Primed) -> Iterator[Due]:
 
 
 def flight(world: World, options: Options, number: int) -> Iterator[Due]:
-    """Yield what one viewer asks for, each chunk once; its first view is of kind `arrive`, what is new later `fly`."""
+    """Yield what one viewer asks for, each chunk once; its first view is of kind `arrive`, what is new later `fly`.
+
+    It ends when what comes into view is no chunk of the world any more: the viewer has left it.
+    """
     chance = options.chance("viewer", number)
     spread = options.spread * world.cells
     x, y, z = options.at
@@ -167,6 +172,8 @@ def flight(world: World, options: Options, number: int) -> Iterator[Due]:
     for view in views(path(chance, start, options.speed), world.cells, min(options.lods, world.lods), options.reach):
         due = number * JOIN_SECONDS + view.seconds
         missing = [key for key in view.missing if world.has(key)]
+        if not missing:
+            return
         for first in range(0, len(missing), options.batch or 1):
             keys = tuple(missing[first : first + (options.batch or 1)])
             hurry = urgency(keys[0], view.viewer, world.cells)

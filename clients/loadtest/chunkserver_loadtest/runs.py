@@ -106,10 +106,15 @@ async def _run(plan: Plan, target: Target, world: World, fixed: bytes, tell: Tel
     record.check_all()
     tell(Stand(record, plan.limits.seconds).snapshot())
     checked = checker.decoded, checker.compared
-    planned = min(plan.limits.seconds, record.ended_last - record.started) if plan.closed else plan.limits.seconds
-    return summarise(
-        record, plan.profile, plan.shown(), machine, world.generator, max(planned, 1e-9), cpu_seconds, checked
-    )
+    intended = max(_intended_seconds(plan, record), 1e-9)
+    return summarise(record, plan.profile, plan.shown(), machine, world.generator, intended, cpu_seconds, checked)
+
+
+def _intended_seconds(plan: Plan, record: Record) -> float:
+    """Return over how many seconds all that was due was to be sent: fewer than planned if there was no more to send."""
+    if plan.closed:
+        return min(plan.limits.seconds, record.ended_last - record.started)
+    return record.due_count / plan.options.rate if PROFILES[plan.profile].paced else plan.limits.seconds
 
 
 class CheckedRecord(Record):
@@ -157,7 +162,7 @@ class CheckedRecord(Record):
 
 
 class _Priming(Observer):
-    """Keeps the answers, and has them checked; faults count as the run's."""
+    """Keeps the answers without their bodies, and has them checked; faults count as the run's."""
 
     def __init__(self, record: CheckedRecord) -> None:
         self.answers: list[tuple[Request, Answer]] = []
@@ -174,7 +179,7 @@ class _Priming(Observer):
             return
         self._record.check(exchange)
         if exchange.answer.status in (200, 204):
-            self.answers.append((exchange.request, exchange.answer))
+            self.answers.append((exchange.request, exchange.answer._replace(pieces=())))
 
 
 async def _prime(

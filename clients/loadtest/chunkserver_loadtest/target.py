@@ -46,8 +46,9 @@ def resolve(url: str, allow_remote: bool = False) -> Target:
 
 
 def _address(host: str, port: int) -> str:
+    """Return the first address, of IPv4 if there is one: `localhost` often means ::1 first, where no server listens."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as error:
         raise BadTarget(f"{host!r} has no address: {error.strerror}") from None
-    return str(found[0][4][0])
+    return str(min(found, key=lambda one: one[0] != socket.AF_INET)[4][0])
