@@ -72,9 +72,11 @@ def _both(runner: asyncio.Runner) -> Iterator[tuple[Ask, Ask]]:
     """Yield how ours is asked, and how the executor is."""
     pool = Pool(WORKERS, command=COMMAND)
     with ProcessPoolExecutor(WORKERS, get_context("forkserver")) as executor:
-        runner.run(_start(pool))
-        yield pool.build, lambda request: runner.get_loop().run_in_executor(executor, answer, request)
-        runner.run(pool.close())
+        try:
+            runner.run(_start(pool))
+            yield pool.build, lambda request: runner.get_loop().run_in_executor(executor, answer, request)
+        finally:
+            runner.run(pool.close())
 
 
 async def _start(pool: Pool) -> None:
