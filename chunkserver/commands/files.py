@@ -27,21 +27,30 @@ def check_writable(name: str) -> None:
     if name == PIPE:
         return
     path = Path(name)
-    if path.is_dir():
-        end(f"{name} cannot be written: it is a folder")
-    if not path.absolute().parent.is_dir():
-        end(f"{name} cannot be written: there is no folder {path.parent}")
+    try:
+        if path.is_dir():
+            end(f"{name} cannot be written: it is a folder")
+        if not path.absolute().parent.is_dir():
+            end(f"{name} cannot be written: there is no folder {path.parent}")
+    except OSError as error:
+        end(f"{name} cannot be written: {error.strerror}")
 
 
 def write(name: str, body: bytes) -> None:
-    """Write a file: beside it first, then in its place. However that ends, what was there before is whole, or it is."""
+    """Write a file: beside it first, then in its place. However that ends, what was there before is whole, or it is.
+
+    A link stays, and so does what is no file: nothing can take the place of a device or a named pipe.
+    """
     if name == PIPE:
         sys.stdout.buffer.write(body)
         sys.stdout.buffer.flush()
         return
-    path = Path(name)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        if Path(name).exists() and not Path(name).is_file():
+            Path(name).write_bytes(body)
+            return
+        path = Path(name).resolve()
+        beside = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
             _fill(beside, body)
             beside.replace(path)

@@ -48,10 +48,18 @@ def recipe_of(given: str) -> Given:
     """Return the recipe that is given. Ends the command, if a file cannot be read. Raises `BadRecipe`."""
     if given in BUILTINS:
         return Given(given, canonical(given))
-    if given != PIPE and not Path(given).exists():
+    if given != PIPE and not _is_there(given):
         shown = ", ".join(BUILTINS)
         raise BadRecipe(f"recipe {given!r} is no file, and none that is built in: {shown}", recipe=given)
     try:
         return Given(None, canonical(read(given, RECIPE_BYTES_MAX)))
     except BadRecipe as error:
         raise BadRecipe(f"{given}: {error.message}", **error.values) from None
+
+
+def _is_there(name: str) -> bool:
+    """Return whether there may be a file of that name: what is in the way is said by whoever reads it."""
+    try:
+        return Path(name).exists()
+    except OSError:
+        return True

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from itertools import product
 
 import manifold3d
@@ -250,6 +251,7 @@ def test_where_it_cannot_be_written_is_known_before_anything_is_built(tmp_path, 
     (tmp_path / "folder.glb").mkdir()
     assert "there is no folder" in refused(1, "mesh", tmp_path / "none" / "a.glb", "--chunk", 0, 0, 0)
     assert "it is a folder" in refused(1, "mesh", tmp_path / "folder.glb", "--chunk", 0, 0, 0)
+    assert "File name too long" in refused(1, "mesh", tmp_path / f"{'x' * 300}.glb", "--chunk", 0, 0, 0)
 
 
 def test_too_many_triangles_end_it_and_leave_what_was_there(tmp_path, ball_json, monkeypatch):
@@ -272,6 +274,28 @@ def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
     assert refused(1, "mesh", file, "--chunk", 0, 0, 0).endswith("cannot be written: No space left on device")
     assert file.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_named_pipe_is_written_to_and_stays(tmp_path):
+    """As a device does, that only root could lose: /dev/null."""
+    pipe = tmp_path / "pipe.glb"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # so that no writer waits for one
+    try:
+        ended = run("mesh", pipe, "--chunk", 0, 0, 0)
+        assert ended.exit_code == 0, ended.output
+        assert os.read(reader, 1 << 16).startswith(b"glTF")
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
+
+
+def test_a_link_stays_and_what_it_names_is_replaced(tmp_path):
+    link, file = tmp_path / "link.glb", tmp_path / "a.glb"
+    link.symlink_to(file)
+    written(link, "--chunk", 0, 0, 0)
+    assert link.is_symlink()
+    assert not file.is_symlink()
 
 
 def test_a_file_is_replaced_as_a_whole(tmp_path):

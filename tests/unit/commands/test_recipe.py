@@ -87,6 +87,7 @@ def test_what_is_wrong_is_named_by_its_path(tmp_path, text, said):
 def test_a_file_that_cannot_be_read(tmp_path):
     assert "is no file, and none that is built in" in refused(2, "recipe", "check", tmp_path / "none.json")
     assert refused(1, "recipe", "check", tmp_path).endswith("cannot be read: Is a directory")
+    assert refused(1, "recipe", "check", "x" * 300).endswith("cannot be read: File name too long")
 
 
 def test_a_recipe_that_never_ends_is_read_no_further():
