@@ -22,6 +22,7 @@ from chunkserver_client import (
     Unavailable,
     Unreachable,
     decode,
+    driving,
 )
 from tests.client.chaos import chaos
 from tests.serving import serving
@@ -115,6 +116,16 @@ def test_the_head_of_a_chunk(connect, server):
     assert client.chunk_head(client.seed(42), (0, 0, 9, 0)).content_bytes == 0
 
 
+@pytest.mark.parametrize("coding", ["gzip", "zstd"])
+def test_the_head_of_a_coded_chunk(connect, server, coding):
+    """It names the coding of a body that is not there."""
+    client = connect(server.url, coding=coding)
+    head = client.chunk_head(client.seed(42), KEY)
+    answer = httpx2.head(f"{server.url}/v1/seeds/42/chunks/0/0/-1/0", headers={"accept-encoding": coding})
+    assert answer.headers["content-encoding"] == coding
+    assert head.content_bytes == int(answer.headers["content-length"]) > 0
+
+
 @pytest.mark.parametrize("coding", ["identity", "gzip", "zstd"])
 @pytest.mark.parametrize("format_", ["mesh", "glb"])
 def test_a_batch(connect, server, coding, format_):
@@ -164,6 +175,17 @@ def test_chunks_of_a_world_are_asked_for_again_by_tag(connect, server, world):
 def test_more_keys_than_one_request_may_have(client):
     keys = [(0, x, 100, z) for x in range(33) for z in range(33)]
     assert len({mesh.key for mesh in client.chunks(client.seed(1, "plane"), keys)}) == 33 * 33
+
+
+def test_a_batch_leaves_its_connection_for_the_next_request(connect, server, monkeypatch):
+    opened = []
+    head = driving.head
+    monkeypatch.setattr(driving, "head", lambda response: opened.append(response) or head(response))
+    client = connect(server.url)
+    world = client.seed(42)
+    assert len(list(client.chunks(world, [KEY, (0, 0, 9, 0)]))) == 2
+    client.is_ready()
+    assert len({id(answer.extensions["network_stream"]) for answer in opened}) == 1, "one connection for all"
 
 
 def test_a_batch_may_be_left(client):
@@ -284,6 +306,13 @@ def test_a_url_that_is_none_is_refused(connect, url):
 def test_settings_that_make_no_client_are_refused(connect, server, options):
     with pytest.raises(ValueError, match=r"coding|ever"):
         connect(server.url, **options)
+
+
+@pytest.mark.parametrize("key", ["", "key\n", " key", "k\u00e9y"])
+def test_a_key_that_no_header_can_have_is_refused_and_not_shown(connect, server, key):
+    with pytest.raises(ValueError, match="api_key") as raised:
+        connect(server.url, api_key=key)
+    assert "key\n" not in str(raised.value)
 
 
 class Guarded(NamedTuple):

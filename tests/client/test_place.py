@@ -93,6 +93,11 @@ def test_a_chunk_out_of_the_world_is_refused():
             decode(placed((0, x, 0, 0), 32, 1.0))
 
 
+def test_an_origin_of_numpy_is_one():
+    mesh = decode(EXAMPLES["std"])
+    assert (mesh.positions_in_metres(np.array([1, 2, 3])) == mesh.positions_in_metres((1, 2, 3))).all()
+
+
 @pytest.mark.parametrize("origin", [(0.5, 0, 0), (VOXELS_MAX + 1, 0, 0), (0, 0)])
 def test_an_origin_that_is_no_point_is_refused(origin):
     with pytest.raises(ValueError, match="origin"):

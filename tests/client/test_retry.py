@@ -1,5 +1,6 @@
 """When the client asks again: without sockets, and without waiting."""
 
+import pickle
 from email.utils import formatdate
 
 import httpx2
@@ -70,6 +71,11 @@ def test_what_is_not_repeatable_is_repeated_only_if_the_server_did_nothing():
         with pytest.raises(Unreachable) as raised:
             script.run(exchange().ask(once, body))
         assert raised.value.__cause__ is unclear
+        assert len(script.requests) == 1
+    for status in (502, 504):
+        script = Script([json_answer(status), json_answer()])
+        with pytest.raises(Unavailable):
+            script.run(exchange().ask(once, body))
         assert len(script.requests) == 1
 
 
@@ -145,6 +151,8 @@ def test_a_problem_has_all_values():
     error = raised.value
     assert (error.name, error.title, error.detail, error.status, error.instance) == ("bad-key", "T", "D", 422, "")
     assert error.values == {"lod": 21, "more": [1]}
+    copied = pickle.loads(pickle.dumps(error))  # as a pool of processes does
+    assert (type(copied), str(copied), vars(copied)) == (BadRequest, str(error), vars(error))
 
 
 @pytest.mark.parametrize("content", [b"<html>", b"", b"[]", b'{"type": 3}', b"\xff\xfe"])

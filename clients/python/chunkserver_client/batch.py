@@ -114,6 +114,7 @@ class Batch:
                         trial.renew()
             if not piece or trial.seconds_left < 0:
                 raise BadAnswer("the batch broke off" if not piece else "the batch came too slowly")
+        yield Read()  # the end of the body: the connection can be used again
         return busy
 
     def _take(self, frame: Frame, wanted: _Wanted) -> Steps[Unavailable | None]:

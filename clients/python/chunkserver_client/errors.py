@@ -55,6 +55,11 @@ class Problem(ClientError):
         self.instance = texts["instance"]
         self.values = {name: value for name, value in members.items() if name not in {*texts, "status"}}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it by its members: an error of a process pool has to come through."""
+        members = {"type": self.type, "title": self.title, "detail": self.detail, "instance": self.instance}
+        return type(self), (self.status, {**self.values, **members}, self.retry_after)
+
     @property
     def name(self) -> str:
         """The short name of docs/api.md's table: `bad-key`. Of a problem that is not chunkserver's, the whole type."""

@@ -16,6 +16,8 @@ BODY_BYTES_MAX: Final = 1 << 26
 JSON_MEDIA_TYPE: Final = "application/json"
 PROBLEM_MEDIA_TYPE: Final = "application/problem+json"
 SHOWN_BYTES_MAX: Final = 200
+REFUSED_STATUSES: Final = (429, 503)
+"""With these a server says that it did nothing. A proxy's 502 and 504 leave open what the server behind it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +31,9 @@ class Exchange:
     def ask(self, request: Request, parse: Callable[[Answer], Value], retry: Retry | None = None) -> Steps[Value]:
         """Return what `parse` makes of the answer.
 
-        Asked for again after a 429, 502, 503 or 504; and, if the request is repeatable, when the connection was lost or
-        `parse` raises `BadAnswer`. What the cache keeps has been parsed once. Raises `Problem` for an answer that is an
-        error, `BadAnswer`, and `Unreachable`.
+        Asked for again after a 429 or 503; and, if the request is repeatable, after a 502 or 504, when the connection
+        was lost, or when `parse` raises `BadAnswer`. What the cache keeps has been parsed once. Raises `Problem` for an
+        answer that is an error, `BadAnswer`, and `Unreachable`.
         """
         trial = Trial(retry or self.retry)
         while True:
@@ -42,6 +44,8 @@ class Exchange:
                 answer = yield from self._answer(request, entry, trial)
                 value = parse(answer)
             except Unavailable as error:
+                if not (request.repeatable or error.status in REFUSED_STATUSES):
+                    raise
                 pause = trial.pause_after(error)
             except (BadAnswer, *LOST) as error:
                 if isinstance(error, BadAnswer):
@@ -66,7 +70,8 @@ class Exchange:
         while True:
             piece: bytes = yield Read()
             if not piece:
-                coding = head.headers.get("content-encoding", "identity")
+                # An answer to HEAD, and a 304, may name the coding of a body that is not there.
+                coding = head.headers.get("content-encoding", "identity") if pieces else "identity"
                 return Answer(head.status, head.headers, decoded(b"".join(pieces), coding, BODY_BYTES_MAX))
             pieces.append(piece)
             size += len(piece)

@@ -5,6 +5,7 @@ lattice for the whole world, that of LOD 0, where the same point has the same in
 came in.
 """
 
+import operator
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
@@ -152,9 +153,13 @@ class ChunkMesh:
         not at all if that is a power of two. So vertices that are equal stay equal, and for an origin nearby the
         numbers are small enough for float32. Raises `ValueError` if `origin` lies outside the world.
         """
-        if len(origin) != 3 or not all(isinstance(voxel, int) and abs(voxel) <= VOXELS_MAX for voxel in origin):
+        try:
+            voxels = [operator.index(voxel) for voxel in origin]
+        except TypeError:
+            voxels = []
+        if len(voxels) != 3 or not all(abs(voxel) <= VOXELS_MAX for voxel in voxels):
             raise ValueError(f"origin is {origin}: three integers, within {VOXELS_MAX} voxels of zero")
-        start = np.array(origin, np.int64) * (UNITS_PER_SIDE // self.cells)
+        start = np.array(voxels, np.int64) * (UNITS_PER_SIDE // self.cells)
         metres: NDArray[np.float64] = np.multiply(
             self.lattice_positions() - start, self.voxel_size * self.cells / UNITS_PER_SIDE, dtype=np.float64
         )

@@ -1,5 +1,6 @@
 """What both clients are made of."""
 
+import re
 import ssl
 from typing import Final
 from urllib.parse import urlsplit
@@ -19,6 +20,8 @@ READY_SECONDS: Final = 120.0
 TIMEOUT: Final = httpx2.Timeout(connect=5.0, read=40.0, write=10.0, pool=40.0)
 """A server waits up to 30 s before it gives a chunk up."""
 USER_AGENT: Final = f"chunkserver-client/{__version__}"
+
+_KEY: Final = re.compile("[!-~]+")
 
 
 def calls_of(retry: Retry | None, cache_bytes: int, coding: Coding, timeout: httpx2.Timeout) -> Calls:
@@ -43,6 +46,8 @@ def tls_of(url: str, tls: ssl.SSLContext | None) -> ssl.SSLContext | bool:
 
 
 def headers_of(api_key: str | None, coding: Coding) -> dict[str, str]:
-    """Return the headers of every request."""
+    """Return the headers of every request. Raises `ValueError`, without the key, for one that no header can have."""
+    if api_key is not None and not _KEY.fullmatch(api_key):
+        raise ValueError("api_key has to be visible ASCII characters: no blank, no line break, and not nothing")
     key = {} if api_key is None else {"authorization": f"Bearer {api_key}"}
     return {"user-agent": USER_AGENT, "accept-encoding": coding, **key}
