@@ -46,12 +46,17 @@ def export(welded: Welded, placed: Placed, form: str) -> Exported:
     if form == "obj":
         digits = _digits(placed.unit)
         exact = math.frexp(placed.unit)[0] == 0.5
-        return Exported(_obj(mesh, digits), 0.0 if exact else 0.5 * 10.0**-digits)
+        return Exported(_obj(mesh, digits), 0.0 if exact else 0.5 * 10.0**-digits + _float64_error(metres))
     return Exported(_WRITERS[form](mesh, placed.corner if in_node else None), _error(metres))
 
 
 def _error(metres: NDArray[np.float64]) -> float:
     return float(abs(metres.astype(np.float32) - metres).max())
+
+
+def _float64_error(metres: NDArray[np.float64]) -> float:
+    """Return what a product, a corner and their sum are off by at most: half a step of the largest number each."""
+    return 1.5 * float(np.spacing(abs(metres).max()))
 
 
 def _digits(unit: float) -> int:

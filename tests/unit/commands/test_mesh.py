@@ -129,6 +129,8 @@ def test_the_worlds_frame_says_what_it_costs(tmp_path):
     assert "--frame box" in run("mesh", tmp_path / "far.ply", *options).stdout
     for exact in ("far.obj", "far.glb"):
         assert written(tmp_path / exact, *options)["position_error"] == 0
+    told = written(tmp_path / "tenths.obj", *options, "--voxel-size", 0.1)
+    assert np.spacing(0.1 * (32 << 20)) < told["position_error"] < 1e-8, "an OBJ has the digits, a float64 has not"
     bounds = [read(tmp_path / f"far.{form}").bounds.tolist() for form in ("obj", "glb")]
     assert bounds[0] == bounds[1]
     assert bounds[0][0][0] >= 32 << 20
