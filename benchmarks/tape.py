@@ -3,8 +3,8 @@
 Both write the same bits. A recipe is data: nothing is compiled for it. The function was written for this one field,
 knows its constants, works out once per axis what depends on one axis, and keeps between nodes nothing but registers.
 Solids are 25 shapes and 25 nodes that join and move them. How many times ours it is stands behind its figure: less
-than 1 is what it costs to be a tape. The function's noise is no faster than the tape's, or the comparison would be of two
-noises: whoever makes one faster makes the other so too.
+than 1 is what it costs to be a tape. The function's noise is no faster than the tape's, or the comparison would be of
+two noises: whoever makes one faster makes the other so too.
 """
 
 from collections.abc import Callable, Iterator

@@ -14,6 +14,8 @@ from chunkserver.pipeline import ChunkRequest, build_mesh
 
 TRIANGLES_MAX: Final = 1 << 23
 """Of a box. Welded and written they take about 2 GB of memory."""
+THREADS: Final = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+"""One for each core that this process may run on."""
 
 
 class Built(NamedTuple):
@@ -28,7 +30,7 @@ class Built(NamedTuple):
 
 def build(template: ChunkRequest, keys: Sequence[ChunkKey]) -> Built:
     """Return the chunks at `keys`, all else as in `template`. Ends the command if they have too many triangles."""
-    pool = ThreadPoolExecutor(os.cpu_count())
+    pool = ThreadPoolExecutor(THREADS)
     built, triangles = Built([], Counter()), 0
     try:
         meshes = pool.map(lambda key: build_mesh(replace(template, key=key)), keys)

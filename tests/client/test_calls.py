@@ -178,9 +178,14 @@ def test_more_keys_than_one_request_may_have(client):
 
 
 def test_a_batch_leaves_its_connection_for_the_next_request(connect, server, monkeypatch):
-    opened = []
+    opened: list[Any] = []
     head = driving.head
-    monkeypatch.setattr(driving, "head", lambda response: opened.append(response) or head(response))
+
+    def kept(response):
+        opened.append(response)
+        return head(response)
+
+    monkeypatch.setattr(driving, "head", kept)
     client = connect(server.url)
     world = client.seed(42)
     assert len(list(client.chunks(world, [KEY, (0, 0, 9, 0)]))) == 2

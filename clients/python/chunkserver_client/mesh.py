@@ -146,7 +146,7 @@ class ChunkMesh:
         corner = np.array(self.key[1:], np.int64) * UNITS_PER_SIDE
         return (self.chunk_positions() + (corner - POSITION_LOW)) << self.key.lod
 
-    def positions_in_metres(self, origin: Triple = (0, 0, 0)) -> NDArray[np.float64]:
+    def positions_in_metres(self, origin: Triple | NDArray[np.integer] = (0, 0, 0)) -> NDArray[np.float64]:
         """Return (V, 3) float64: metres from `origin`, an integer point in voxels that the caller chooses.
 
         The difference is taken in integers, and is exact in float64 as well; times `voxel_size` it is rounded once, or
