@@ -45,7 +45,7 @@ async def _awaited(value: Any) -> Any:
     return await value
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     with serving(tmp_path_factory.mktemp("server") / "log", "--workers", "1") as running:
         yield running
