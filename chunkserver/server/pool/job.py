@@ -17,7 +17,7 @@ URGENCY_DEFAULT: Final = 3
 DISTANCE_MAX: Final = 2.0**16
 """What is farther counts as this far."""
 
-_log: Final = logging.getLogger(__name__)
+_log: Final = logging.getLogger(__package__)
 
 
 class BuildFault(ChunkError):

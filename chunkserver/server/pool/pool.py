@@ -32,7 +32,7 @@ LOSSES_MAX: Final = 2
 TICK_SECONDS: Final = 0.05
 """How often deadlines are looked at. A timer for each job costs more than all the rest of it."""
 
-_log: Final = logging.getLogger(__name__)
+_log: Final = logging.getLogger(__package__)
 
 
 @dataclass(frozen=True, slots=True)

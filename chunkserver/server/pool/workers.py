@@ -47,7 +47,7 @@ WARM_SECONDS_MAX: Final = 300.0
 START_SECONDS_MAX: Final = 10.0
 """From asking for a fork to the worker's first word."""
 
-_log: Final = logging.getLogger(__name__)
+_log: Final = logging.getLogger(__package__)
 
 
 class _Pipe(asyncio.Protocol):
