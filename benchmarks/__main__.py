@@ -19,6 +19,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", usage=usage, description=__doc__)
     parser.add_argument("--only", action="append", choices=list(JOBS), metavar="NAME", help=f"of {', '.join(JOBS)}")
     parser.add_argument("--tiny", action="store_true", help="try everything out; the figures mean nothing")
+    parser.add_argument("--rounds", type=int, metavar="N", help=f"of candidates in turns; {FULL.rounds} if left out")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round of everything here")
     parser.add_argument("--page", type=Path, metavar="FILE", help="replace what stands below the mark on this page")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw the run's pictures here")
@@ -59,6 +60,8 @@ def _draw(chosen: argparse.Namespace) -> Iterable[str]:
 def run(chosen: argparse.Namespace) -> None:
     """Run the jobs in the order of their table, and print each as soon as it is done."""
     scale = TINY if chosen.tiny else FULL
+    if chosen.rounds:
+        scale = scale._replace(rounds=chosen.rounds)
     facts = machine.facts(scale)
     print(report.preface(facts), flush=True)
     results: dict[Job, list[Line]] = {}
