@@ -33,7 +33,10 @@ def arguments() -> argparse.Namespace:
     draw = commands.add_parser("draw", help="the pictures of a run that was written with --json")
     draw.add_argument("run", type=Path, metavar="FILE")
     draw.add_argument("folder", type=Path, metavar="FOLDER")
-    return parser.parse_args()
+    chosen = parser.parse_args()
+    if chosen.rounds is not None and chosen.rounds < 1:
+        parser.error(f"--rounds is {chosen.rounds}; it is 1 or more")
+    return chosen
 
 
 def main() -> None:
