@@ -74,6 +74,13 @@ CACHE_FOLDERS_MAX: Final = 8
 Build = Callable[[ChunkRequest, Callable[[str], object]], Chunk]
 
 
+def cores() -> int:
+    """Return how many cores this process may run on: as many chunks as are built at once by default."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class Built(NamedTuple):
     """What a worker says of a chunk that it has built: on the pipe a plain tuple, in half the time.
 

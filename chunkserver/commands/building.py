@@ -1,6 +1,5 @@
 """The chunks of a box, built on all cores: kernels let go of the interpreter's lock, so threads are enough."""
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,11 +10,10 @@ from chunkserver.commands.saying import end, with_bar
 from chunkserver.grid import ChunkKey
 from chunkserver.mesh import Content, Mesh
 from chunkserver.pipeline import ChunkRequest, build_mesh
+from chunkserver.worker import cores
 
 TRIANGLES_MAX: Final = 1 << 23
 """Of a box. Welded and written they take about 2 GB of memory."""
-THREADS: Final = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-"""One for each core that this process may run on."""
 
 
 class Built(NamedTuple):
@@ -30,7 +28,7 @@ class Built(NamedTuple):
 
 def build(template: ChunkRequest, keys: Sequence[ChunkKey]) -> Built:
     """Return the chunks at `keys`, all else as in `template`. Ends the command if they have too many triangles."""
-    pool = ThreadPoolExecutor(THREADS)
+    pool = ThreadPoolExecutor(cores())
     built, triangles = Built([], Counter()), 0
     try:
         meshes = pool.map(lambda key: build_mesh(replace(template, key=key)), keys)

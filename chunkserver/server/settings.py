@@ -4,7 +4,6 @@ A field's name is also that of the flag, of the variable and of the key in a fil
 in the names. What a field says of itself here is what the command line's help says.
 """
 
-import os
 import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
@@ -18,6 +17,7 @@ from chunkserver.server.disk import DISK_BYTES_MIN
 from chunkserver.server.keys import KEYS_MAX, ApiKey, Keyring, parse_key
 from chunkserver.server.pool import LIMITS_DEFAULT as POOL
 from chunkserver.server.pool import Limits
+from chunkserver.worker import cores
 
 PREFIX: Final = "CHUNKSERVER_"
 """Of every variable."""
@@ -43,13 +43,6 @@ MASK: Final = "***"
 """In place of a digest."""
 
 _SEPARATOR: Final = re.compile(r"[\s,]+")
-
-
-def cores() -> int:
-    """Return how many cores this process may run on: the default number of workers."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _workers_default() -> int:

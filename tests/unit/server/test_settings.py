@@ -4,7 +4,8 @@ from pydantic import ValidationError
 from chunkserver.server.connections import ConnectionLimits
 from chunkserver.server.keys import Scope, mint
 from chunkserver.server.pool import Limits
-from chunkserver.server.settings import MASK, WORKERS_MAX, Settings, cores
+from chunkserver.server.settings import MASK, WORKERS_MAX, Settings
+from chunkserver.worker import cores
 
 
 def refused(**values):
