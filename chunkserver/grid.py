@@ -25,6 +25,9 @@ CELLS_BUILT: Final = (16, 32, 64)
 CELLS_DEFAULT: Final = 32
 APRON_DEFAULT: Final = 1
 
+FACES: Final = 6
+"""Of a chunk, and bits of a mask of them: -x +x -y +y -z +z."""
+
 POSITION_LOW: Final = 16384
 """Position, in lattice units, of a chunk's low face."""
 POSITION_HIGH: Final = 49152
@@ -84,8 +87,11 @@ class ChunkKey(NamedTuple):
         return self.x * side, self.y * side, self.z * side
 
 
-def check_key(key: ChunkKey, cells: int, lods: int = LOD_MAX + 1) -> None:
-    """Raise `BadKey` unless the chunk lies in the world: its LOD is one of `lods`, its corners within LATTICE_MAX."""
+def check_key(key: ChunkKey, cells: int, lods: int = LOD_MAX + 1, coarser: int = 0) -> None:
+    """Raise `BadKey` unless the chunk lies in the world: its LOD is one of `lods`, its corners within LATTICE_MAX.
+
+    coarser: mask of the faces whose neighbour is one LOD coarser. Raises `BadParameter` if there is no such LOD.
+    """
     if not 0 <= key.lod < lods:
         raise BadKey(f"lod is {key.lod}; this world has 0 to {lods - 1}", lod=key.lod)
     side = cells << key.lod
@@ -95,3 +101,7 @@ def check_key(key: ChunkKey, cells: int, lods: int = LOD_MAX + 1) -> None:
             raise BadKey(
                 f"{axis} is {coordinate}; at lod {key.lod} it lies in [{-limit}, {limit})", **{axis: coordinate}
             )
+    if coarser and key.lod == lods - 1:
+        raise BadParameter(
+            f"coarser is {coarser}; nothing is coarser than lod {key.lod} in this world", coarser=coarser
+        )

@@ -24,13 +24,20 @@ is not part of it: the bits are the same on all of them.
 """
 
 import hashlib
+import logging
 import os
-from collections.abc import Callable, Collection
+import tempfile
+import zipfile
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
+import numpy as np
 import platformdirs
+from numpy.typing import NDArray
+
+_log: Final = logging.getLogger(__name__)
 
 PACKAGE: Final = Path(__file__).parent
 NOT_IN_DIGEST: Final = (
@@ -91,3 +98,24 @@ def spliced(function: _Function) -> _Function:
     """Copy `function` into each of the kernels that call it, as if it stood there: for what only calls kernels."""
     jitted: _Function = numba.njit(**_SPLICED)(function)
     return jitted
+
+
+def kept(name: str, make: Callable[[], Sequence[NDArray[Any]]]) -> list[NDArray[Any]]:
+    """Return the arrays that `make` makes: made once, then read from `CACHE_DIR`.
+
+    A file that cannot be read is made again, and one that cannot be written is not kept: neither is an error.
+    """
+    path = CACHE_DIR / f"{name}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return [stored[f"arr_{number}"] for number in range(len(stored.files))]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        arrays = list(make())
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            np.savez(file, *arrays)
+        Path(file.name).replace(path)
+    except OSError as error:
+        _log.warning("%s cannot be kept: %s", path, error)
+    return arrays

@@ -21,8 +21,12 @@ from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
 from chunkserver.wire import Encoding, Placement, check_encodable, encode
 
-SEAMS_BUILT: Final = ("transitions", "none")
-SEAM_DEFAULT: Final = "transitions"
+SEAM_OF_LEVELS: Final = "transitions"
+"""The seam that fits a chunk to coarser neighbours."""
+SKIRTS: Final = "skirts"
+"""The seam for clients that cannot name their neighbours' level."""
+SEAMS_BUILT: Final = (SEAM_OF_LEVELS, SKIRTS, "none")
+SEAM_DEFAULT: Final = SEAM_OF_LEVELS
 STAGES: Final = ("field", "mesh", "encode")
 """In this order. A chunk that is proved to be empty has no mesh stage."""
 GENERATOR_BYTES: Final = 8
@@ -32,7 +36,8 @@ GENERATOR_BYTES: Final = 8
 class ChunkRequest:
     """Everything that one chunk's bytes depend on, and nothing else. Hashable; cheap to send to a worker in a pickle.
 
-    coarser: mask of the faces whose neighbour is one LOD coarser, bits -x +x -y +y -z +z = 1 2 4 8 16 32.
+    coarser: mask of the faces whose neighbour is one LOD coarser, bits -x +x -y +y -z +z = 1 2 4 8 16 32: the chunk is
+        fitted to them.
     revision: the chunk's own last edit, 0 for a pristine chunk.
     voxel_size: metres.
     """
@@ -85,8 +90,9 @@ def check_request(request: ChunkRequest) -> None:
         raise BadParameter(f"mesher is {request.mesher!r}; built are {sorted(MESHERS)}", mesher=request.mesher)
     if request.seam not in SEAMS_BUILT:
         raise BadParameter(f"seam is {request.seam!r}; built are {list(SEAMS_BUILT)}", seam=request.seam)
-    if request.coarser != 0:
-        raise BadParameter(f"coarser is {request.coarser}; only 0 is built", coarser=request.coarser)
+    if request.coarser and request.seam != SEAM_OF_LEVELS:
+        message = f"coarser is {request.coarser}; it needs seam={SEAM_OF_LEVELS}, and seam is {request.seam!r}"
+        raise BadParameter(message, coarser=request.coarser, seam=request.seam)
     check_encodable(_placement(request), request.encoding)
 
 
@@ -107,14 +113,14 @@ def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _:
     check_request(request)
     stage("field")
     shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
-    proven = prove(request.recipe, request.key, shape)
+    proven = prove(request.recipe, request.key, shape, request.coarser)
     return EMPTY[proven] if proven else _surface(request, shape, stage)
 
 
 def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], object]) -> Mesh:
-    samples = sample(request.recipe, request.key, shape)
+    samples = sample(request.recipe, request.key, shape, request.coarser)
     stage("mesh")
-    return extract(samples, request.mesher, request.encoding.normals)
+    return extract(samples, request.mesher, request.encoding.normals, request.seam == SKIRTS)
 
 
 def _placement(request: ChunkRequest) -> Placement:

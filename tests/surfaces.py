@@ -1,7 +1,7 @@
 """Chunks put together in exact integers, and what a surface must be: closed, manifold, without degenerate triangles.
 
-Positions of chunks of one level are integers on a common lattice: `chunk coordinate * 32768 + position - 16384` lattice
-units of that level. Vertices are welded by equality, never by distance.
+Positions of chunks are integers on a common lattice: `chunk coordinate * 32768 + position - 16384` lattice units of
+their level, each of which is 2^n units of a level n finer. Vertices are welded by equality, never by distance.
 """
 
 from collections.abc import Iterable
@@ -29,9 +29,9 @@ _Ints = NDArray[np.int64]
 class Surface(NamedTuple):
     """Welded chunks.
 
-    points: (V, 3) int64, lattice units of the level from the low corner of the box, x y z.
+    points: (V, 3) int64, lattice units of the finest level from the low corner of the box, x y z.
     triangles: (T, 3) int64.
-    low: (3,) int64, the chunk coordinates of the box's low corner.
+    low: (3,) int64, the chunk coordinates of the box's low corner, at the finest level.
     size: (3,) int64, lattice units: the box of the chunks that were put together.
     """
 
@@ -53,14 +53,17 @@ class Edges(NamedTuple):
 
 
 def weld(chunks: Iterable[tuple[ChunkKey, Mesh]]) -> Surface:
-    """Put chunks of one level together by exact equality of positions."""
+    """Put chunks together by exact equality of positions; chunks of several levels on the lattice of the finest."""
     pairs = list(chunks)
-    keys = np.array([key[1:] for key, _ in pairs], np.int64)
-    low, size = keys.min(axis=0), (np.ptp(keys, axis=0) + 1) * CHUNK_UNITS
+    finest = min(key.lod for key, _ in pairs)
+    keys = np.array([[place << key.lod - finest for place in key[1:]] for key, _ in pairs], np.int64)
+    sides = np.array([1 << key.lod - finest for key, _ in pairs], np.int64)
+    low = keys.min(axis=0)
+    size = ((keys + sides[:, None]).max(axis=0) - low) * CHUNK_UNITS
     assert size.max() < 1 << AXIS_BITS, "the box has too many chunks a side"
     points, triangles, count = [], [], 0
-    for corner, (_, mesh) in zip(keys - low, pairs, strict=True):
-        points.append(mesh.positions[:, :3].astype(np.int64) - POSITION_LOW + corner * CHUNK_UNITS)
+    for corner, side, (_, mesh) in zip(keys - low, sides, pairs, strict=True):
+        points.append((mesh.positions[:, :3].astype(np.int64) - POSITION_LOW) * side + corner * CHUNK_UNITS)
         triangles.append(mesh.triangles.astype(np.int64) + count)
         count += len(mesh.positions)
     every = np.concatenate(points)

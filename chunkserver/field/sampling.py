@@ -11,11 +11,13 @@ from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.noise.lattice import scratch
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
-from chunkserver.samples import Samples
+from chunkserver.samples import Samples, coarse_box
 
 
-def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
+def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Samples:
     """Return the densities of chunk `key`, band-limited to its level, every sample worked out anew.
+
+    coarser: mask of the faces whose neighbour is one level coarser: there the next level's field is sampled too.
 
     Each sample depends on its lattice point, the recipe and the level alone, so chunks that share a point agree to the
     bit (`tests/property/test_field_neighbours.py`).
@@ -24,11 +26,22 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
     that passes a limit or is not finite all over the world. An empty chunk is no error.
     """
     low = _low(key, shape)
-    tape = flatten(recipe, key.lod).tape
     side = shape.samples
-    slabs = -(-side * side // SLAB_POINTS)
-    slab = -(-side * side // slabs)
-    density = np.empty((side, side * side), np.float32)
+    density = _sample(recipe, key.lod, low, (side, side, side))
+    if not coarser:
+        return Samples(shape, density)
+    return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
+
+
+def _sample(
+    recipe: WorldRecipe, lod: int, low: NDArray[np.float64], shape: tuple[int, int, int]
+) -> NDArray[np.float32]:
+    """Return a level's densities over a box of its lattice points. low: x, y, z of the first one; shape: (y, z, x)."""
+    tape = flatten(recipe, lod).tape
+    planes, rows, width = shape
+    slabs = -(-rows * width // SLAB_POINTS)
+    slab = -(-rows * width // slabs)
+    density = np.empty((planes, rows * width), np.float32)
     places, values = np.empty((tape.places, slab)), np.empty((tape.values, slab), np.float32)
     run(
         tape.code,
@@ -37,30 +50,50 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Samples:
         tape.columns,
         tape.result,
         low,
-        float(key.step),
-        side,
+        float(1 << lod),
+        rows,
         places,
         values,
         *scratch(),
         density,
     )
-    return Samples(shape, density.reshape(side, side, side))
+    return density.reshape(shape)
 
 
-def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape) -> Literal["air", "rock"] | None:
+def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Literal["air", "rock"] | None:
     """Return what all samples of chunk `key` are, apron included, if bounds of the field show it; None if they do not.
+
+    coarser: as in `sample`; then the next level's samples are among them.
 
     Takes microseconds, where sampling takes hundreds. Raises what `sample` raises.
     """
-    low = _low(key, shape)
-    tape = flatten(recipe, key.lod).kept
-    failed, values = bounds(tape, np.stack([low, low + key.step * (shape.samples - 1)], 1))
+    side = shape.samples
+    proven = _prove(recipe, key.lod, _low(key, shape), (side, side, side))
+    if proven and coarser and _prove(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)) != proven:
+        return None
+    return proven
+
+
+def _prove(
+    recipe: WorldRecipe, lod: int, low: NDArray[np.float64], shape: tuple[int, int, int]
+) -> Literal["air", "rock"] | None:
+    """Return what a box of a level's lattice points is, if that can be shown. low, shape: as in `_sample`."""
+    tape = flatten(recipe, lod).kept
+    planes, rows, width = shape
+    far = low + float(1 << lod) * np.array((width - 1, planes - 1, rows - 1))
+    failed, values = bounds(tape, np.stack([low, far], 1))
     lowest, highest = values[tape.result]
     if failed != ALL_FINITE:  # what is finite all over the world may have wider bounds in a part of it, by a rounding
         return None
     if lowest >= 0:
         return "air"
     return "rock" if highest < 0 else None
+
+
+def _coarse_box(key: ChunkKey, shape: ChunkShape, coarser: int) -> tuple[NDArray[np.float64], tuple[int, int, int]]:
+    """Return which lattice points of the next level a mask takes: the first (x, y, z), voxels; how many, (y, z, x)."""
+    box = coarse_box(shape.cells, coarser)
+    return np.array(key.low_corner(shape.cells), np.float64) + 2 * key.step * np.array(box.low), box.shape
 
 
 def _low(key: ChunkKey, shape: ChunkShape) -> NDArray[np.float64]:

@@ -17,6 +17,8 @@ closed loops. Each loop is triangulated. No diagonal may lie in a face of the ce
 diagonal, and an edge would carry four triangles. Among the rest, the worst triangle at t = 1/2 is as good as possible.
 """
 
+from collections.abc import Iterator
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -30,15 +32,17 @@ Triangle = tuple[int, int, int]
 CUBE_TRIANGLES_MAX: Final = 5
 
 
-class _Fan(NamedTuple):
-    """A triangulated piece of a loop: compared by its worst triangle, then by the sum of all."""
+class _Geometry(NamedTuple):
+    """What the derivation asks of a cell again and again.
 
-    worst: float
-    total: float
-    triangles: tuple[Triangle, ...]
+    turns: for each face, and each mask of its cycle's corners that are inside, the segments: (edge out, edge in).
+    faces: for each edge, the mask of the faces that it lies in.
+    shapes: for each triple of edges, how well shaped the triangle of their middles is.
+    """
 
-
-_NO_TRIANGLE: Final = _Fan(1.0, 0.0, ())
+    turns: tuple[tuple[tuple[tuple[int, int], ...], ...], ...]
+    faces: tuple[int, ...]
+    shapes: tuple[tuple[tuple[float, ...], ...], ...]
 
 
 def loops(cell: Cell, inside: int) -> list[Loop]:
@@ -63,56 +67,68 @@ def loops(cell: Cell, inside: int) -> list[Loop]:
 def _segments(cell: Cell, inside: int) -> dict[int, int]:
     """Return, for each crossed edge, the edge that its segment leads to."""
     after: dict[int, int] = {}
-    for face in cell.faces:
-        for place, corner in enumerate(face):
-            follower = face[(place + 1) % len(face)]
-            if inside >> corner & 1 and not inside >> follower & 1:
-                first = place
-                while inside >> face[first - 1] & 1:
-                    first -= 1
-                leaves = cell.edge_between(corner, follower)
-                assert leaves not in after, f"case {inside:b}: edge {leaves} has two segments out"
-                after[leaves] = cell.edge_between(face[first - 1], face[first])
+    for face, turns in zip(cell.faces, _geometry(cell).turns, strict=True):
+        for leaves, enters in turns[sum((inside >> corner & 1) << place for place, corner in enumerate(face))]:
+            assert leaves not in after, f"case {inside:b}: edge {leaves} has two segments out"
+            after[leaves] = enters
     return after
 
 
+@cache
+def _geometry(cell: Cell) -> _Geometry:
+    points = [_doubled_middle(cell, edge) for edge in range(len(cell.edges))]
+    return _Geometry(
+        turns=tuple(tuple(tuple(_turns(cell, face, mask)) for mask in range(1 << len(face))) for face in cell.faces),
+        faces=tuple(
+            sum(1 << number for number, face in enumerate(cell.faces) if set(edge) <= set(face)) for edge in cell.edges
+        ),
+        shapes=tuple(tuple(tuple(_quality(a, b, c) for c in points) for b in points) for a in points),
+    )
+
+
+def _turns(cell: Cell, face: tuple[int, ...], mask: int) -> Iterator[tuple[int, int]]:
+    """Yield the segments of a face: from the edge that leaves a run of inside corners to the edge that enters it.
+
+    mask: which places of the face's cycle are inside.
+    """
+    for place, corner in enumerate(face):
+        after = (place + 1) % len(face)
+        if mask >> place & 1 and not mask >> after & 1:
+            first = place
+            while mask >> (first - 1) % len(face) & 1:
+                first -= 1
+            yield cell.edge_between(corner, face[after]), cell.edge_between(face[first - 1], face[first])
+
+
+@cache
 def triangulate(cell: Cell, loop: Loop) -> tuple[Triangle, ...]:
     """Return the triangles of a loop, in its own sense, without a diagonal in a face of the cell.
 
-    Dynamic programming over the pieces of the loop; ties go to the lowest edge number.
+    Dynamic programming over the pieces of the loop: the best is the one whose worst triangle is best, then the one
+    whose sum is; ties go to the lowest edge number.
     """
-    faces = {edge: _faces_of(cell, edge) for edge in loop}
-    points = {edge: _doubled_middle(cell, edge) for edge in loop}
-    size = len(loop)
-
-    best: dict[tuple[int, int], _Fan | None] = {(i, i + 1): _NO_TRIANGLE for i in range(size - 1)}
+    geometry, size = _geometry(cell), len(loop)
+    best: dict[tuple[int, int], tuple[float, float, int]] = {(i, i + 1): (1.0, 0.0, 0) for i in range(size - 1)}
     for span in range(2, size):
         for i in range(size - span):
             j = i + span
-            is_diagonal = span < size - 1
-            choices: list[tuple[_Fan, int]] = []
+            if span < size - 1 and geometry.faces[loop[i]] & geometry.faces[loop[j]]:
+                continue
+            choices = []
             for k in range(i + 1, j):
-                left, right = best[i, k], best[k, j]
-                if left is not None and right is not None:
-                    triangle = (loop[i], loop[k], loop[j])
-                    shape = _quality(*(points[edge] for edge in triangle))
-                    fan = _Fan(
-                        min(left.worst, right.worst, shape),
-                        left.total + right.total + shape,
-                        (*left.triangles, triangle, *right.triangles),
-                    )
-                    choices.append((fan, -loop[k]))
-            blocked = is_diagonal and bool(faces[loop[i]] & faces[loop[j]])
-            best[i, j] = (
-                None if blocked or not choices else max(choices, key=lambda c: (c[0].worst, c[0].total, c[1]))[0]
-            )
-    whole = best[0, size - 1]
-    assert whole is not None, f"loop {loop} has no triangulation without a diagonal in a face"
-    return whole.triangles
+                if (i, k) in best and (k, j) in best:
+                    left, right, shape = best[i, k], best[k, j], geometry.shapes[loop[i]][loop[k]][loop[j]]
+                    choices.append((min(left[0], right[0], shape), left[1] + right[1] + shape, -loop[k], k))
+            if choices:
+                worst, total, _, k = max(choices)
+                best[i, j] = worst, total, k
+    assert (0, size - 1) in best, f"loop {loop} has no triangulation without a diagonal in a face"
 
+    def pieces(i: int, j: int) -> tuple[Triangle, ...]:
+        k = best[i, j][2]
+        return (*pieces(i, k), (loop[i], loop[k], loop[j]), *pieces(k, j)) if j - i > 1 else ()
 
-def _faces_of(cell: Cell, edge: int) -> frozenset[int]:
-    return frozenset(number for number, face in enumerate(cell.faces) if set(cell.edges[edge]) <= set(face))
+    return pieces(0, size - 1)
 
 
 def _doubled_middle(cell: Cell, edge: int) -> Point:
@@ -126,7 +142,7 @@ def _quality(a: Point, b: Point, c: Point) -> float:
     u, v, w = (tuple(q - p for p, q in zip(s, t, strict=True)) for s, t in ((a, b), (a, c), (b, c)))
     cross = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
     sides = sum(x * x for side in (u, v, w) for x in side)
-    return 12 * sum(x * x for x in cross) / sides**2
+    return 12 * sum(x * x for x in cross) / sides**2 if sides else 0.0
 
 
 def case_triangles(cell: Cell, inside: int) -> tuple[Triangle, ...]:
@@ -149,6 +165,38 @@ def bake(cell: Cell, triangles_max: int) -> tuple[NDArray[np.int64], NDArray[np.
         counts[case] = len(flat) // 3
         edges[case, : len(flat)] = flat
     return counts, edges
+
+
+class LoopTable(NamedTuple):
+    """All cases of a cell, each as its loops: cases share them.
+
+    counts: (cases,) uint8, triangles of a case.
+    firsts: (cases + 1,) uint16, where a case's loops begin in `loops`: (n,) uint16, their numbers.
+    loop_firsts: (loops + 1,) uint16, where a loop's triangles begin in `triangles`: (n, 3) uint8, edges.
+    """
+
+    counts: NDArray[np.uint8]
+    firsts: NDArray[np.uint16]
+    loops: NDArray[np.uint16]
+    loop_firsts: NDArray[np.uint16]
+    triangles: NDArray[np.uint8]
+
+
+def loop_table(cell: Cell) -> LoopTable:
+    """Return the table of a cell with so many cases that each has the numbers of its loops alone."""
+    by_case = [loops(cell, case) for case in range(1 << len(cell.corners))]
+    numbers = {loop: number for number, loop in enumerate(dict.fromkeys(loop for found in by_case for loop in found))}
+    pieces = [triangulate(cell, loop) for loop in numbers]
+    firsts = np.cumsum([0, *map(len, by_case)])
+    loop_firsts = np.cumsum([0, *map(len, pieces)])
+    assert max(firsts[-1], loop_firsts[-1]) < 1 << 16, "more loops or triangles than 16 bits number"
+    return LoopTable(
+        counts=np.array([sum(len(pieces[numbers[loop]]) for loop in found) for found in by_case], np.uint8),
+        firsts=firsts.astype(np.uint16),
+        loops=np.array([numbers[loop] for found in by_case for loop in found], np.uint16),
+        loop_firsts=loop_firsts.astype(np.uint16),
+        triangles=np.array([triangle for piece in pieces for triangle in piece], np.uint8),
+    )
 
 
 CUBE_COUNTS, CUBE_EDGES = bake(CUBE, CUBE_TRIANGLES_MAX)

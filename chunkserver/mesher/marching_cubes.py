@@ -26,14 +26,13 @@ from chunkserver.mesh import EMPTY, POSITION_W, Mesh, NormalKind
 from chunkserver.mesher.bits import WORD_BITS, below, first_places, lowest, popcount, without_lowest, words_for
 from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES
 from chunkserver.mesher.cell import CUBE
+from chunkserver.mesher.crossing import crossing, is_rock
 from chunkserver.mesher.normals import edge_normal, store_normal
+from chunkserver.mesher.transitions import NO_SEAMS, count_seams, fill_seams
 from chunkserver.samples import Samples
 
 APRON: Final = 1
 """Samples around the corners: central differences at the border read one."""
-
-ISOVALUE: Final = np.float32(0)
-"""Below is rock; exactly at it, or above, is air. `_pack` has the only comparison."""
 
 EDGE_LOWS: Final = np.array([CUBE.corners[low] for low, _ in CUBE.edges], np.int64)
 """Where each edge of a cell starts, in cell units from the cell's low corner: (12, 3), x y z."""
@@ -56,16 +55,21 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     edges = np.empty((corners, corners, 3, words), np.uint64)
     firsts = np.empty((corners, corners, 3, words), np.int64)
     vertices, triangles = _count(samples.density, shape.apron, rows, edges, firsts)
-    if vertices == 0:
+    seams = count_seams(samples, vertices) if samples.coarser else NO_SEAMS
+    every = vertices + seams.vertices
+    if every == 0:
         return EMPTY["rock" if rows[0, 0, 0] & np.uint64(1) else "air"]
-    positions = np.empty((vertices, 4), np.uint16)
-    as_int8 = np.empty((vertices if normals == "int8" else 0, 4), np.int8)
-    as_float32 = np.empty((vertices if normals == "float32" else 0, 3), np.float32)
-    indices = np.empty((triangles, 3), np.uint32)
+    positions = np.empty((every, 4), np.uint16)
+    as_int8 = np.empty((every if normals == "int8" else 0, 4), np.int8)
+    as_float32 = np.empty((every if normals == "float32" else 0, 3), np.float32)
+    indices = np.empty((triangles + seams.triangles, 3), np.uint32)
     flat = samples.density.reshape(-1)
     _fill_vertices(flat, shape.samples, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
     _fill_triangles(rows, edges.reshape(-1), firsts.reshape(-1), indices)
-    return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices)
+    if seams.mask:
+        room = indices[triangles:]
+        triangles += fill_seams(samples, seams, edges, firsts, positions, as_int8, as_float32, room)
+    return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices[:triangles])
 
 
 @kernel
@@ -96,7 +100,7 @@ def _pack(densities: _Densities, row: _Words) -> None:
         start = word * WORD_BITS
         flags = np.uint64(0)
         for place in range(min(WORD_BITS, densities.size - start)):
-            flags |= np.uint64(densities[start + place] < ISOVALUE) << np.uint64(place)
+            flags |= np.uint64(is_rock(densities[start + place])) << np.uint64(place)
         row[word] = flags
 
 
@@ -205,22 +209,14 @@ def _fill_vertices(
                         x = word * WORD_BITS + lowest(left)
                         left = without_lowest(left)
                         low, high = start + x, start + x + along
-                        crossing = _crossing(density[low], density[high], units)
-                        positions[vertex, 0] = POSITION_LOW + units * x + (crossing if axis == 0 else 0)
-                        positions[vertex, 1] = POSITION_LOW + units * y + (crossing if axis == 1 else 0)
-                        positions[vertex, 2] = POSITION_LOW + units * z + (crossing if axis == 2 else 0)
+                        units_on = crossing(density[low], density[high], units)
+                        positions[vertex, 0] = POSITION_LOW + units * x + (units_on if axis == 0 else 0)
+                        positions[vertex, 1] = POSITION_LOW + units * y + (units_on if axis == 1 else 0)
+                        positions[vertex, 2] = POSITION_LOW + units * z + (units_on if axis == 2 else 0)
                         positions[vertex, 3] = POSITION_W
-                        normal = edge_normal(density, low, high, side, plane, crossing * cells_per_unit)
+                        normal = edge_normal(density, low, high, side, plane, units_on * cells_per_unit)
                         store_normal(normal, vertex, as_int8, as_float32)
                         vertex += 1
-
-
-@inlined
-def _crossing(low: np.float32, high: np.float32, units: int) -> int:
-    """Return where the density crosses the isovalue between two corners, in lattice units, off both corners."""
-    first, last = np.float64(low), np.float64(high)
-    nearest = int(np.floor((np.float64(ISOVALUE) - first) / (last - first) * units + 0.5))
-    return min(max(nearest, 1), units - 1)
 
 
 @kernel

@@ -49,6 +49,31 @@ def edge_normal(
 
 
 @inlined
+def twin_normal(
+    fine: NDArray[np.float32],
+    at: int,
+    row: int,
+    plane: int,
+    coarse: NDArray[np.float32],
+    coarse_at: int,
+    coarse_row: int,
+    coarse_plane: int,
+) -> tuple[float, float, float]:
+    """Return the unit normal between a fine corner and its coarse twin: of the sum of both gradients, per voxel.
+
+    Where they cancel it is up: that depends on nothing but the place, so that all chunks that share it agree.
+    """
+    ax, ay, az = gradient(fine, at, row, plane)
+    bx, by, bz = gradient(coarse, coarse_at, coarse_row, coarse_plane)
+    nx, ny, nz = 2.0 * ax + bx, 2.0 * ay + by, 2.0 * az + bz
+    square = nx * nx + ny * ny + nz * nz
+    if square == 0.0:
+        return 0.0, 1.0, 0.0
+    length = np.sqrt(square)
+    return nx / length, ny / length, nz / length
+
+
+@inlined
 def store_normal(
     normal: tuple[float, float, float], vertex: int, as_int8: NDArray[np.int8], as_float32: NDArray[np.float32]
 ) -> None:

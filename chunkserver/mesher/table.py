@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 from chunkserver.errors import BadParameter
 from chunkserver.mesh import Mesh, NormalKind
 from chunkserver.mesher.marching_cubes import APRON, marching_cubes
+from chunkserver.mesher.skirts import with_skirts
 from chunkserver.samples import Samples
 
 
@@ -26,8 +27,10 @@ MESHERS: Final[dict[str, Mesher]] = {
 }
 
 
-def extract(samples: Samples, mesher: str = MESHER_DEFAULT, normals: NormalKind = "int8") -> Mesh:
+def extract(samples: Samples, mesher: str = MESHER_DEFAULT, normals: NormalKind = "int8", skirts: bool = False) -> Mesh:
     """Return the surface of one chunk, where the density crosses 0, as `Mesh` describes it.
+
+    skirts: draw its border out into the rock, for neighbours of whatever level.
 
     Raises `BadParameter` for a mesher that is not built or samples with too small an apron. A chunk without a surface
     is no error: its mesh is `EMPTY["air"]` or `EMPTY["rock"]`.
@@ -37,4 +40,5 @@ def extract(samples: Samples, mesher: str = MESHER_DEFAULT, normals: NormalKind 
     row = MESHERS[mesher]
     if samples.shape.apron < row.apron:
         raise BadParameter(f"apron is {samples.shape.apron}; {mesher} needs {row.apron}", apron=samples.shape.apron)
-    return row.extract(samples, normals)
+    mesh = row.extract(samples, normals)
+    return with_skirts(mesh, samples) if skirts else mesh

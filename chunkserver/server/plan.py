@@ -66,8 +66,8 @@ class Plan:
         return cls(template, _others(template), tags(template, epoch), _raw(all_headers), holds, lods)
 
     def check(self, key: ChunkKey) -> None:
-        """Raise `BadKey` if there is no such chunk."""
-        check_key(key, self.template.cells, self.lods)
+        """Raise `BadKey` if there is no such chunk, `BadParameter` if it cannot have a coarser neighbour."""
+        check_key(key, self.template.cells, self.lods, self.template.coarser)
 
     def request(self, key: ChunkKey) -> ChunkRequest:
         """Return the request for the chunk `key`, which was checked."""

@@ -133,7 +133,7 @@ async def world_plan(
     world = worlds.find(name)
     template = _template(world, query, encoding)
     for key in keys:
-        check_key(key, world.chunk_cells, world.lods)
+        check_key(key, world.chunk_cells, world.lods, template.coarser)
     now = await worlds.at_revision(name, query.min_revision)
     if now is not world:
         template = _template(now, query, encoding)

@@ -64,7 +64,7 @@ def check_placement(placement: Placement) -> None:
     """Raise `BadKey` or `BadParameter` that names the value, unless every format can hold `placement`."""
     key, cells, voxel_size, revision, coarser = placement
     check_shape(ChunkShape(cells))
-    check_key(key, cells)
+    check_key(key, cells, coarser=coarser)
     if not VOXEL_SIZE_MIN <= voxel_size <= VOXEL_SIZE_MAX:
         limits = f"[{VOXEL_SIZE_MIN}, {VOXEL_SIZE_MAX}]"
         raise BadParameter(f"voxel_size is {voxel_size}; it lies in {limits} metres", voxel_size=voxel_size)
