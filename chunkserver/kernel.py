@@ -107,15 +107,15 @@ def kept(name: str, make: Callable[[], Sequence[NDArray[Any]]]) -> list[NDArray[
     """
     path = CACHE_DIR / f"{name}.npz"
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return [stored[f"arr_{number}"] for number in range(len(stored.files))]
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         arrays = list(make())
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            np.savez(file, *arrays)
-        Path(file.name).replace(path)
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            np.savez(written := Path(folder) / path.name, *arrays)
+            written.replace(path)
     except OSError as error:
         _log.warning("%s cannot be kept: %s", path, error)
     return arrays

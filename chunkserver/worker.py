@@ -44,13 +44,13 @@ import numpy as np
 
 from chunkserver.errors import ChunkError, DeadlinePassed, WireError
 from chunkserver.field import compile_beside, compile_interpreter
-from chunkserver.grid import CELLS_BUILT, ChunkKey, ChunkShape
+from chunkserver.grid import CELLS_BUILT, FACES, ChunkKey, ChunkShape
 from chunkserver.kernel import CACHE_DIR, SOURCES_DIGEST, cache_root
 from chunkserver.mesh import Content, NormalKind
 from chunkserver.mesher import MESHERS, extract
-from chunkserver.pipeline import Chunk, ChunkRequest, build_chunk
+from chunkserver.pipeline import SEAM_OF_LEVELS, SKIRTS, Chunk, ChunkRequest, build_chunk
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
-from chunkserver.samples import Samples
+from chunkserver.samples import Samples, coarse_box
 from chunkserver.wire import FORMATS, Encoding
 
 HEADER: Final = struct.Struct("<I")
@@ -284,9 +284,12 @@ def compile_rest() -> None:
     along = np.arange(shape.samples, dtype=np.float32) - np.float32(shape.samples / 2)
     squares = along[:, None, None] ** 2 + along[:, None] ** 2 + along**2
     ball = Samples(shape, np.sqrt(squares) - np.float32(shape.cells / 4))
+    faces = (1 << FACES) - 1
+    between = Samples(shape, ball.density, faces, np.zeros(coarse_box(shape.cells, faces).shape, np.float32))
     for mesher in MESHERS:
         for normals in get_args(NormalKind):
-            extract(ball, mesher, normals)
+            extract(ball, mesher, normals, skirts=True)
+            extract(between, mesher, normals)
 
 
 def warm_requests() -> Iterator[ChunkRequest]:
@@ -298,7 +301,9 @@ def warm_requests() -> Iterator[ChunkRequest]:
     for mesher in MESHERS:
         for row in FORMATS.values():
             for profile in row.profiles:
-                yield ChunkRequest(ball, key, cells, mesher=mesher, encoding=Encoding(row.name, profile))
+                encoding = Encoding(row.name, profile)
+                for coarser, seam in ((0, SKIRTS), (1, SEAM_OF_LEVELS)):
+                    yield ChunkRequest(ball, key, cells, 1.0, mesher, coarser, seam, encoding=encoding)
 
 
 def _compiled() -> int:

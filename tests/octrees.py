@@ -20,7 +20,7 @@ _MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np
 
 
 class Octree:
-    """The leaves of an octree over 2 x 2 x 2 chunks of level `top`; leaves beside each other differ by a level at most."""
+    """The leaves of an octree over 2 x 2 x 2 chunks of level `top`; neighbours differ by a level at most."""
 
     def __init__(self, top: int) -> None:
         self.top = top

@@ -56,7 +56,7 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     firsts = np.empty((corners, corners, 3, words), np.int64)
     vertices, triangles = _count(samples.density, shape.apron, rows, edges, firsts)
     seams = count_seams(samples, vertices) if samples.coarser else NO_SEAMS
-    every = vertices + seams.vertices
+    every = vertices + len(seams.vertices)
     if every == 0:
         return EMPTY["rock" if rows[0, 0, 0] & np.uint64(1) else "air"]
     positions = np.empty((every, 4), np.uint16)
@@ -66,7 +66,7 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     flat = samples.density.reshape(-1)
     _fill_vertices(flat, shape.samples, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
     _fill_triangles(rows, edges.reshape(-1), firsts.reshape(-1), indices)
-    if seams.mask:
+    if samples.coarser:
         room = indices[triangles:]
         triangles += fill_seams(samples, seams, edges, firsts, positions, as_int8, as_float32, room)
     return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices[:triangles])

@@ -2,10 +2,10 @@
 
         this chunk   face   a neighbour of another level
                        |
-     air  -------------o                      What gapes between two borders is a piece of the face, and rock in one of
-                       | gap                  the two fields. So each border edge of a chunk gets a quad in the face, down
-     rock        skirt o-------------         into the rock as far as there is rock: it covers the gap, and nothing else
-                       |                      that can be seen.
+     air  -------------o                     What gapes between two borders is a piece of the face, and rock in one of
+                       | gap                 the two fields. So each border edge of a chunk gets a quad in the face,
+     rock        skirt o-------------        down into the rock as far as there is rock: it covers the gap, and nothing
+                       |                     else that can be seen.
 
 An edge of the mesh lies on a face of the chunk exactly if it is on the border: no diagonal lies in a face of a cell
 (`cases.py`). A skirt depends on its own chunk alone.
@@ -87,8 +87,8 @@ def _draw_out(density: _Densities, side: int, apron: int, units: int, lower: _Nu
 
     density: flat, `side` samples a side, apron included.
     """
-    strides = np.array((1, side * side, side))
-    place, down = np.empty(3), np.empty(3)
+    strides, place, down = np.empty(3, np.int64), np.empty(3), np.empty(3)
+    strides[0], strides[1], strides[2] = 1, side * side, side
     for axis in range(3):
         for vertex in range(lower.shape[1]):
             if lower[axis, vertex] >= 0:

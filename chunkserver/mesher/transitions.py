@@ -10,44 +10,39 @@ r"""The border to a coarser chunk, closed in the finer one: its outer layer of c
         |         |/ | |   |      regular mesh, its coarse side those that the coarser chunk has there.
         o---------+--+-o---o-
 
-**A vertex that touches a face of the chunk that is not masked does not move**: so neighbours that know nothing of this
-border still fit, and two masked faces of different chunks meet in a line. Transition cells are flat there, and
-triangles with two equal corners are left out.
+Not every vertex may move (`room.py`): where one does not, transition cells are flat, and triangles with two equal
+corners are left out.
 
 The levels are sampled from different fields, so a fine corner and its coarse twin may differ in sign. That edge, too,
 then has a vertex: half-way between where the two corners are.
 """
 
-from functools import cache
-from operator import mul
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.grid import FACES, POSITION_HIGH, POSITION_LOW
+from chunkserver.grid import POSITION_LOW
 from chunkserver.kernel import inlined, kept, kernel
 from chunkserver.mesh import POSITION_W
 from chunkserver.mesher.bits import below, popcount
 from chunkserver.mesher.cases import LoopTable, loop_table
 from chunkserver.mesher.cell import TRANSITION
 from chunkserver.mesher.crossing import crossing, is_rock
+from chunkserver.mesher.faces import Face, Walk, corner_at, face_at, masked_faces
 from chunkserver.mesher.normals import edge_normal, store_normal, twin_normal
+from chunkserver.mesher.room import make_room, move
 from chunkserver.mesher.triangles import has_three_places
 from chunkserver.samples import Samples, coarse_box
-
-_FRAMES: Final = ((1, 2, 0), (2, 1, 0), (2, 0, 1), (0, 2, 1), (0, 1, 2), (1, 0, 2))
-"""For each face the axes of a transition cell's u, v and w. w points into the chunk, and u, v, w are right-handed."""
 
 _TWIN: Final = 3
 """The kind of an edge between a fine corner and its coarse twin; 0, 1, 2 are coarse edges along x, y, z."""
 
-_Face = Any
-"""A record of dtype `_FACE`."""
 _Densities = NDArray[np.float32]
 _Words = NDArray[np.uint64]
 _Places = NDArray[np.uint16]
 _Numbers = NDArray[np.int64]
+_Signs = NDArray[np.uint8]
 
 
 def _edge_rows() -> _Numbers:
@@ -62,60 +57,47 @@ def _edge_rows() -> _Numbers:
 _EDGES: Final = _edge_rows()
 _TABLE: Final = LoopTable(*kept("transition-cases", lambda: loop_table(TRANSITION)))
 
-_FACE: Final = np.dtype(
-    [
-        *((f"fine_{name}", np.int64) for name in ("start", "u", "v")),
-        *((f"coarse_{name}", np.int64) for name in ("start", "u", "v", "row", "plane")),
-        *((f"number_{name}", np.int64) for name in ("start", "u", "v")),
-        *((name, np.int64) for name in ("u", "v", "w", "far")),
-    ]
-)
-"""One masked face: where its first fine sample, coarse sample and number of a vertex lie, and how far on the next ones
-are along u and v, and for coarse samples in z and in y too; the axes of u, v and w; its own place on w, in cells."""
-
 
 class Seams(NamedTuple):
     """What transition cells add to the regular mesh.
 
-    mask: the faces whose neighbour is one level coarser. vertices: how many. triangles: how many, at most.
+    faces: (masked faces, 13) int64, the numbers of a `Face`. coarse: the coarse samples, flat.
     numbers: (4, n * n * n) int32, C order, kind and x, y, z in coarse corners: the vertex on the coarse edge along x, y
         or z that starts there, or between that corner and its fine twin; -1 for none.
-    faces: (masked faces,) of `_FACE`. coarse: the coarse samples, flat.
-    cases: (masked faces, n - 1, n - 1) uint16, v slow and u fast: the case of each transition cell.
+    vertices: (V, 4) int32, new ones: face, kind, u and v in coarse corners.
+    cells: (C, 4) int32, those that hold triangles: face, case, u and v. triangles: how many they hold.
     """
 
-    mask: int
-    vertices: int
-    triangles: int
-    numbers: NDArray[np.int32]
-    faces: NDArray[np.void]
+    faces: _Numbers
     coarse: _Densities
-    cases: NDArray[np.uint16]
+    numbers: NDArray[np.int32]
+    vertices: NDArray[np.int32]
+    cells: NDArray[np.int32]
+    triangles: int
 
 
 NO_SEAMS: Final = Seams(
-    mask=0,
-    vertices=0,
-    triangles=0,
-    numbers=np.empty((4, 0), np.int32),
-    faces=np.empty(0, _FACE),
+    faces=np.empty((0, 13), np.int64),
     coarse=np.empty(0, np.float32),
-    cases=np.empty((0, 0, 0), np.uint16),
+    numbers=np.empty((4, 0), np.int32),
+    vertices=np.empty((0, 4), np.int32),
+    cells=np.empty((0, 4), np.int32),
+    triangles=0,
 )
 """Of a chunk whose neighbours are all of its own level."""
 
 
 def count_seams(samples: Samples, first: int) -> Seams:
-    """Number the vertices of all transition cells, from `first` on, and count what they add."""
-    corners = samples.shape.cells // 2 + 1
-    numbers = np.full((4, corners**3), -1, np.int32)
+    """Number the vertices of all transition cells, from `first` on, and find the cells that hold triangles."""
     assert samples.coarse is not None, "coarse samples come with every mask"
-    faces = _faces(samples.shape.cells, samples.shape.apron, samples.coarser)
-    coarse = samples.coarse.reshape(-1)
-    cases = np.empty((len(faces), corners - 1, corners - 1), np.uint16)
+    corners = samples.shape.cells // 2 + 1
+    faces, coarse = masked_faces(samples.shape.cells, samples.shape.apron, samples.coarser), samples.coarse.reshape(-1)
+    numbers = np.full((4, corners**3), -1, np.int32)
+    vertices = np.empty((3 * len(faces) * corners**2, 4), np.int32)
+    cells = np.empty((len(faces) * (corners - 1) ** 2, 4), np.int32)
     fine = samples.density.reshape(-1)
-    vertices, triangles = _count(faces, fine, coarse, first, numbers, cases, _TABLE.counts)
-    return Seams(samples.coarser, vertices, triangles, numbers, faces, coarse, cases)
+    made, filled, triangles = _count(faces, corners, fine, coarse, first, numbers, vertices, cells, _TABLE.counts)
+    return Seams(faces, coarse, numbers, vertices[:made], cells[:filled], triangles)
 
 
 def fill_seams(
@@ -133,185 +115,182 @@ def fill_seams(
     edges, firsts: of the regular mesh, see `marching_cubes`. positions: (V, 4), its vertices first.
     triangles: out, room for `seams.triangles`; those with two equal corners are left out.
     """
-    shape, new = samples.shape, len(positions) - seams.vertices
-    _make_room(positions[:new], seams.mask, shape.units_per_cell)
+    shape, mask = samples.shape, samples.coarser
+    make_room(positions[: len(positions) - len(seams.vertices)], mask, shape.units_per_cell)
+    _, planes, width = coarse_box(shape.cells, mask).shape
     _fill_vertices(
         seams.faces,
+        seams.vertices,
         samples.density.reshape(-1),
         shape.samples,
         seams.coarse,
-        shape.cells // 2 + 1,
-        seams.mask,
+        width,
+        width * planes,
+        mask,
         shape.units_per_cell,
-        seams.numbers,
         positions,
         as_int8,
         as_float32,
     )
-    return _fill_triangles(seams.faces, seams.cases, seams.numbers, edges, firsts, positions, *_TABLE[1:], triangles)
-
-
-@cache
-def _faces(cells: int, apron: int, mask: int) -> NDArray[np.void]:
-    """Return the masked faces of such a chunk."""
-    side, corners, rows = cells + 1 + 2 * apron, cells // 2 + 1, []
-    low, (_, nz, nx) = coarse_box(cells, mask)
-    for face in range(FACES):
-        if mask >> face & 1:
-            u, v, w = _FRAMES[face]
-            far = face & 1
-            fine, coarse, number = (1, side * side, side), (1, nx * nz, nx), (corners * corners, corners, 1)
-            first = [-place for place in low]
-            first[w] += far * (corners - 1)
-            rows.append(
-                (
-                    *(apron * sum(fine) + far * cells * fine[w], fine[u], fine[v]),
-                    *(sum(map(mul, first, coarse)), coarse[u], coarse[v], nx, nx * nz),
-                    *(far * (corners - 1) * number[w], number[u], number[v]),
-                    *(u, v, w, far * cells),
-                )
-            )
-    return np.array(rows, _FACE)
-
-
-@inlined
-def _case(face: _Face, fine: _Densities, coarse: _Densities, i: int, j: int) -> int:
-    """Return the case of the transition cell at coarse corner (i, j): bit c is set if corner c is inside."""
-    case = 0
-    low = face.fine_start + 2 * i * face.fine_u + 2 * j * face.fine_v
-    for v in range(3):
-        for u in range(3):
-            case |= int(is_rock(fine[low + u * face.fine_u + v * face.fine_v])) << (3 * v + u)
-    low = face.coarse_start + i * face.coarse_u + j * face.coarse_v
-    for v in range(2):
-        for u in range(2):
-            case |= int(is_rock(coarse[low + u * face.coarse_u + v * face.coarse_v])) << (9 + 2 * v + u)
-    return case
+    return _fill_triangles(seams.faces, seams.cells, seams.numbers, edges, firsts, positions, *_TABLE[1:], triangles)
 
 
 @kernel
 def _count(
-    faces: NDArray[np.void],
+    faces: _Numbers,
+    corners: int,
     fine: _Densities,
     coarse: _Densities,
     first: int,
     numbers: NDArray[np.int32],
-    cases: NDArray[np.uint16],
+    vertices: NDArray[np.int32],
+    cells: NDArray[np.int32],
     triangles_of: NDArray[np.uint8],
-) -> tuple[int, int]:
-    """Number the vertices of all faces, each once; find the cases and count their triangles. Returns both counts."""
-    corners = cases.shape[1] + 1
-    vertices = triangles = 0
-    for place in range(faces.size):
-        face = faces[place]
-        for j in range(corners):
-            for i in range(corners):
-                number = face.number_start + i * face.number_u + j * face.number_v
-                at = face.coarse_start + i * face.coarse_u + j * face.coarse_v
-                here = is_rock(coarse[at])
-                if i + 1 < corners and is_rock(coarse[at + face.coarse_u]) != here and numbers[face.u, number] < 0:
-                    numbers[face.u, number] = first + vertices
-                    vertices += 1
-                if j + 1 < corners and is_rock(coarse[at + face.coarse_v]) != here and numbers[face.v, number] < 0:
-                    numbers[face.v, number] = first + vertices
-                    vertices += 1
-                twin = face.fine_start + 2 * i * face.fine_u + 2 * j * face.fine_v
-                if is_rock(fine[twin]) != here and numbers[_TWIN, number] < 0:
-                    numbers[_TWIN, number] = first + vertices
-                    vertices += 1
-                if i + 1 < corners and j + 1 < corners:
-                    case = _case(face, fine, coarse, i, j)
-                    cases[place, j, i] = case
-                    triangles += int(np.int64(triangles_of[case]))
-    return vertices, triangles
+) -> tuple[int, int, int]:
+    """Fill in `numbers`, `vertices` and `cells` as `Seams` has them. Returns how many of both, and of triangles.
 
-
-@inlined
-def _move(positions: _Places, vertex: int, mask: int, units: int) -> None:
-    """Move a vertex away from the masked faces that it is near: d < 1 cell becomes d + (1 - d) / 4, rounded half up.
-
-    A vertex that touches a face which is not masked stays.
+    corners: coarse ones a side. A face that the surface does not meet is looked at and left.
     """
-    for axis in range(3):
-        place = np.int64(positions[vertex, axis])
-        if (place == POSITION_LOW and not mask >> (2 * axis) & 1) or (
-            place == POSITION_HIGH and not mask >> (2 * axis + 1) & 1
-        ):
-            return
-    for axis in range(3):
-        place = np.int64(positions[vertex, axis])
-        low, high = place - POSITION_LOW, POSITION_HIGH - place
-        if low < units and mask >> (2 * axis) & 1:
-            positions[vertex, axis] = POSITION_LOW + ((3 * low + units + 2) >> 2)
-        elif high < units and mask >> (2 * axis + 1) & 1:
-            positions[vertex, axis] = POSITION_HIGH - ((3 * high + units + 2) >> 2)
-
-
-@kernel
-def _make_room(positions: _Places, mask: int, units: int) -> None:
-    """Move every vertex of the regular mesh that is in the way."""
-    for vertex in range(positions.shape[0]):
-        _move(positions, vertex, mask, units)
+    fine_rock = np.empty((2 * corners - 1, 2 * corners - 1), np.uint8)
+    coarse_rock = np.empty((corners, corners), np.uint8)
+    made = filled = triangles = 0
+    for place in range(faces.shape[0]):
+        face = face_at(faces, place)
+        halved = Walk(face.fine.start, face.fine.u // 2, face.fine.v // 2)
+        rocks = _look(fine, halved, fine_rock) + _look(coarse, face.coarse, coarse_rock)
+        if 0 < rocks < fine_rock.size + coarse_rock.size:
+            made = _number(face, place, fine_rock, coarse_rock, first, numbers, vertices, made)
+            filled, more = _classify(place, fine_rock, coarse_rock, triangles_of, cells, filled)
+            triangles += more
+    return made, filled, triangles
 
 
 @inlined
-def _put(face: _Face, i: int, j: int, units: int, positions: _Places, vertex: int) -> None:
-    """Write the position of coarse corner (i, j) of a face."""
-    positions[vertex, face.u] = POSITION_LOW + 2 * units * i
-    positions[vertex, face.v] = POSITION_LOW + 2 * units * j
-    positions[vertex, face.w] = POSITION_LOW if face.far == 0 else POSITION_HIGH
-    positions[vertex, 3] = POSITION_W
+def _look(densities: _Densities, walk: Walk, rock: _Signs) -> int:
+    """Write which samples on a face are inside, v slow and u fast. Returns how many are."""
+    count = 0
+    for j in range(rock.shape[0]):
+        for i in range(rock.shape[1]):
+            rock[j, i] = is_rock(densities[corner_at(walk, i, j)])
+            count += rock[j, i]
+    return count
+
+
+@inlined
+def _number(
+    face: Face,
+    place: int,
+    fine_rock: _Signs,
+    coarse_rock: _Signs,
+    first: int,
+    numbers: NDArray[np.int32],
+    vertices: NDArray[np.int32],
+    made: int,
+) -> int:
+    """Number the vertices of a face, but for those that another face has already. Returns how many there are now."""
+    last = coarse_rock.shape[0] - 1
+    for j in range(last + 1):
+        for i in range(last + 1):
+            here = coarse_rock[j, i]
+            crossed = (
+                i < last and coarse_rock[j, min(i + 1, last)] != here,
+                j < last and coarse_rock[min(j + 1, last), i] != here,
+                fine_rock[2 * j, 2 * i] != here,
+            )
+            kinds, number = (face.u, face.v, _TWIN), corner_at(face.number, i, j)
+            for turn in range(3):
+                kind = kinds[turn]
+                if crossed[turn] and numbers[kind, number] < 0:
+                    numbers[kind, number] = first + made
+                    vertices[made, 0], vertices[made, 1], vertices[made, 2], vertices[made, 3] = place, kind, i, j
+                    made += 1
+    return made
+
+
+@inlined
+def _classify(
+    place: int,
+    fine_rock: _Signs,
+    coarse_rock: _Signs,
+    triangles_of: NDArray[np.uint8],
+    cells: NDArray[np.int32],
+    filled: int,
+) -> tuple[int, int]:
+    """List the cells of a face that hold triangles. Returns how many are listed now, and the triangles of these."""
+    triangles, last = 0, coarse_rock.shape[0] - 1
+    for j in range(last):
+        for i in range(last):
+            case = 0
+            for corner in range(9):
+                case |= int(fine_rock[2 * j + corner // 3, 2 * i + corner % 3]) << corner
+            for corner in range(4):
+                case |= int(coarse_rock[j + corner // 2, i + corner % 2]) << 9 + corner
+            if triangles_of[case]:
+                cells[filled, 0], cells[filled, 1], cells[filled, 2], cells[filled, 3] = place, case, i, j
+                filled += 1
+                triangles += int(np.int64(triangles_of[case]))
+    return filled, triangles
 
 
 @kernel
 def _fill_vertices(
-    faces: NDArray[np.void],
+    faces: _Numbers,
+    vertices: NDArray[np.int32],
     fine: _Densities,
     side: int,
     coarse: _Densities,
-    corners: int,
+    row: int,
+    plane: int,
     mask: int,
     units: int,
-    numbers: NDArray[np.int32],
     positions: _Places,
     as_int8: NDArray[np.int8],
     as_float32: NDArray[np.float32],
 ) -> None:
-    """Write position and normal of the vertices on all faces. side: fine samples a side.
+    """Write position and normal of the new vertices, which are the last ones of `positions`.
 
-    A vertex that two faces share is written twice, with the same bits.
+    side: fine samples a side. row, plane: how far apart coarse samples are in z and in y.
     """
-    for face in faces:
-        row, plane = face.coarse_row, face.coarse_plane
-        for j in range(corners):
-            for i in range(corners):
-                number = face.number_start + i * face.number_u + j * face.number_v
-                at = face.coarse_start + i * face.coarse_u + j * face.coarse_v
-                for turn in range(2):
-                    axis, along = (face.u, face.coarse_u) if turn == 0 else (face.v, face.coarse_v)
-                    vertex = int(np.int64(numbers[axis, number]))
-                    if vertex >= 0 and (i if turn == 0 else j) + 1 < corners:
-                        units_on = crossing(coarse[at], coarse[at + along], units)
-                        _put(face, i, j, units, positions, vertex)
-                        positions[vertex, axis] += 2 * units_on
-                        normal = edge_normal(coarse, at, at + along, row, plane, units_on * (1.0 / units))
-                        store_normal(normal, vertex, as_int8, as_float32)
-                vertex = int(np.int64(numbers[_TWIN, number]))
-                if vertex >= 0:
-                    _put(face, i, j, units, positions, vertex)
-                    corner = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
-                    _move(positions, vertex, mask, units)
-                    for axis in range(3):
-                        positions[vertex, axis] = (np.int64(positions[vertex, axis]) + np.int64(corner[axis])) // 2
-                    twin = face.fine_start + 2 * i * face.fine_u + 2 * j * face.fine_v
-                    normal = twin_normal(fine, twin, side, side * side, coarse, at, row, plane)
-                    store_normal(normal, vertex, as_int8, as_float32)
+    for made in range(vertices.shape[0]):
+        vertex = positions.shape[0] - vertices.shape[0] + made
+        face = face_at(faces, vertices[made, 0])
+        kind, i, j = int(vertices[made, 1]), int(vertices[made, 2]), int(vertices[made, 3])
+        at = corner_at(face.coarse, i, j)
+        _put(face, i, j, units, positions, vertex)
+        if kind == _TWIN:
+            _put_between(mask, units, positions, vertex)
+            normal = twin_normal(fine, corner_at(face.fine, i, j), side, side * side, coarse, at, row, plane)
+        else:
+            next_at = at + (face.coarse.u if kind == face.u else face.coarse.v)
+            units_on = crossing(coarse[at], coarse[next_at], units)
+            positions[vertex, kind] += 2 * units_on
+            normal = edge_normal(coarse, at, next_at, row, plane, units_on * (1.0 / units))
+        store_normal(normal, vertex, as_int8, as_float32)
+
+
+@inlined
+def _put(face: Face, i: int, j: int, units: int, positions: _Places, vertex: int) -> None:
+    """Write the position of coarse corner (i, j) of a face."""
+    positions[vertex, face.u] = POSITION_LOW + 2 * units * i
+    positions[vertex, face.v] = POSITION_LOW + 2 * units * j
+    positions[vertex, face.w] = POSITION_LOW + units * face.far
+    positions[vertex, 3] = POSITION_W
+
+
+@inlined
+def _put_between(mask: int, units: int, positions: _Places, vertex: int) -> None:
+    """Replace the position of a coarse corner by the middle between it and its fine twin, which makes room."""
+    x, y, z = np.int64(positions[vertex, 0]), np.int64(positions[vertex, 1]), np.int64(positions[vertex, 2])
+    move(positions, vertex, mask, units)
+    positions[vertex, 0] = (x + np.int64(positions[vertex, 0])) >> 1
+    positions[vertex, 1] = (y + np.int64(positions[vertex, 1])) >> 1
+    positions[vertex, 2] = (z + np.int64(positions[vertex, 2])) >> 1
 
 
 @kernel
 def _fill_triangles(
-    faces: NDArray[np.void],
-    cases: NDArray[np.uint16],
+    faces: _Numbers,
+    cells: NDArray[np.int32],
     numbers: NDArray[np.int32],
     edges: _Words,
     firsts: _Numbers,
@@ -322,31 +301,28 @@ def _fill_triangles(
     loop_triangles: NDArray[np.uint8],
     triangles: NDArray[np.uint32],
 ) -> int:
-    """Write the triangles of all faces. Returns how many there are."""
+    """Write the triangles of all cells. Returns how many there are."""
     at = 0
-    for place in range(faces.size):
-        face = faces[place]
-        for j in range(cases.shape[1]):
-            for i in range(cases.shape[2]):
-                case = np.int64(cases[place, j, i])
-                for loop in range(np.int64(case_firsts[case]), np.int64(case_firsts[case + 1])):
-                    number = np.int64(case_loops[loop])
-                    for row in range(np.int64(loop_firsts[number]), np.int64(loop_firsts[number + 1])):
-                        for corner in range(3):
-                            edge = int(np.int64(loop_triangles[row, corner]))
-                            triangles[at, corner] = _vertex(face, edge, i, j, numbers, edges, firsts)
-                        at += has_three_places(positions, triangles[at])
+    for cell in range(cells.shape[0]):
+        face = face_at(faces, cells[cell, 0])
+        case, i, j = cells[cell, 1], int(cells[cell, 2]), int(cells[cell, 3])
+        for loop in range(np.int64(case_firsts[case]), np.int64(case_firsts[case + 1])):
+            number = np.int64(case_loops[loop])
+            for row in range(np.int64(loop_firsts[number]), np.int64(loop_firsts[number + 1])):
+                for corner in range(3):
+                    edge = int(np.int64(loop_triangles[row, corner]))
+                    triangles[at, corner] = _vertex(face, edge, i, j, numbers, edges, firsts)
+                at += has_three_places(positions, triangles[at])
     return at
 
 
 @inlined
-def _vertex(face: _Face, edge: int, i: int, j: int, numbers: NDArray[np.int32], edges: _Words, firsts: _Numbers) -> int:
+def _vertex(face: Face, edge: int, i: int, j: int, numbers: NDArray[np.int32], edges: _Words, firsts: _Numbers) -> int:
     """Return the vertex on an edge of the transition cell at coarse corner (i, j)."""
     kind, u, v = _EDGES[edge, 0], _EDGES[edge, 2], _EDGES[edge, 3]
     axis = face.u if kind == 0 else face.v if kind == 1 else _TWIN
     if kind == 2 or _EDGES[edge, 1]:
-        place = face.number_start + (i + (u >> 1)) * face.number_u + (j + (v >> 1)) * face.number_v
-        return int(np.int64(numbers[axis, place]))
+        return int(np.int64(numbers[axis, corner_at(face.number, i + (u >> 1), j + (v >> 1))]))
     p, q = 2 * i + u, 2 * j + v
     x = p if face.u == 0 else q if face.v == 0 else face.far
     y = p if face.u == 1 else q if face.v == 1 else face.far

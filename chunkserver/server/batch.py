@@ -275,15 +275,15 @@ class _Work:
 
 
 def _in_order(plan: Plan, batch: Batch) -> list[_Item]:
-    """Return the chunks of `batch`, nearest first. Raises `BadKey` that says which one there cannot be."""
+    """Return the chunks of `batch`, nearest first. Raises `BadKey` or `BadParameter` that says which is wrong."""
     items = []
     cells = plan.template.cells
     for number, chunk in enumerate(batch.chunks):
         key = ChunkKey(*chunk)
         try:
             plan.check(key)
-        except BadKey as error:
-            raise BadKey(f"chunks[{number}]: {error.message}", index=number, **error.values) from None
+        except (BadKey, BadParameter) as error:
+            raise type(error)(f"chunks[{number}]: {error.message}", index=number, **error.values) from None
         if batch.viewer is None:
             items.append(_Item(0.0, 0, number, key))
         else:

@@ -81,16 +81,19 @@ class Descriptor(BaseModel):
     formats: list[FormatOf]
     meshers: list[str]
     seams: list[str]
-    coarser: list[int] = Field(description="The masks that are built.")
+    coarser: list[int] = Field(description="The masks that are built; at the last level only 0.")
 
 
-def members(recipe: WorldRecipe, name: str, urls: Urls, cells: int = CELLS_DEFAULT) -> dict[str, Any]:
-    """Return the members of a `Descriptor` that follow from the recipe, what it is called, and the cells of a chunk."""
+def members(
+    recipe: WorldRecipe, name: str, urls: Urls, cells: int = CELLS_DEFAULT, lods: int = LOD_MAX + 1
+) -> dict[str, Any]:
+    """Return the members of a `Descriptor` that follow from the recipe, what it is called, cells and levels."""
     return {
         "seed": str(recipe.seed),
         "recipe": RecipeOf(name=name, digest=recipe.digest, expression=json.loads(recipe.source)),
         "generator": generator(recipe),
         "chunk_cells": cells,
+        "lods": lods,
         "bounds": Bounds(min=(-LATTICE_MAX,) * 3, max=(LATTICE_MAX,) * 3),
         "axes": Axes(),
         "position_lattice": PositionLattice(units_per_voxel=ChunkShape(cells).units_per_cell),
@@ -98,5 +101,5 @@ def members(recipe: WorldRecipe, name: str, urls: Urls, cells: int = CELLS_DEFAU
         "formats": [FormatOf(**row._asdict()) for row in FORMATS.values()],
         "meshers": sorted(MESHERS),
         "seams": sorted(SEAMS_BUILT),
-        "coarser": list(COARSER_BUILT),
+        "coarser": list(COARSER_BUILT if lods > 1 else COARSER_BUILT[:1]),
     }

@@ -17,7 +17,7 @@ from typing import Final
 from fastapi import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from chunkserver.errors import BadKey, ChunkError, Overloaded
+from chunkserver.errors import BadRequest, ChunkError, Overloaded
 from chunkserver.server.accept import urgency
 from chunkserver.server.answers import asked
 from chunkserver.server.chunks import CLIENT_LEFT, reply
@@ -57,7 +57,7 @@ class Front:
         plan, key = found
         try:
             plan.check(key)
-        except BadKey:
+        except BadRequest:
             return None
         self._answers.built += 1
         tag = plan.tag(key)

@@ -281,9 +281,8 @@ def _described(world: World, service: Service) -> WorldDescriptor:
     urls = Urls(chunk=chunk, chunk_immutable=f"{chunk}?revision={{revision}}&{tokens}")
     return WorldDescriptor(
         **_identity(world),
-        **members(world.recipe, world.recipe_name, urls, world.chunk_cells),
+        **members(world.recipe, world.recipe_name, urls, world.chunk_cells, world.lods),
         voxel_size=world.voxel_size,
-        lods=world.lods,
         durable=service.worlds.durable,
         limits=Limits(answer_seconds=service.worlds.answer_seconds),
     )

@@ -31,12 +31,14 @@ KEYS = (
 ENCODINGS = (Encoding("mesh", "std"), Encoding("mesh", "f32"), Encoding("glb"))
 WARM_SECONDS_MAX = 300.0
 
+BORDERS = ((0, "transitions"), (37, "transitions"), (0, "skirts"))
+
 REQUESTS = [
-    ChunkRequest(WorldRecipe(seed, builtin(name)), key, mesher=mesher, encoding=encoding)
+    ChunkRequest(WorldRecipe(seed, builtin(name)), key, mesher=mesher, coarser=mask, seam=seam, encoding=encoding)
     for name in BUILTINS
     for mesher in MESHERS
     for seed, key in enumerate(KEYS, start=-2)
-    for encoding in ENCODINGS
+    for encoding, (mask, seam) in zip(ENCODINGS, BORDERS, strict=True)
 ]
 
 

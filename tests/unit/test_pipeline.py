@@ -10,7 +10,7 @@ import pytest
 from chunkserver import pipeline
 from chunkserver.errors import BadKey, BadParameter, BadRecipe, DeadlinePassed
 from chunkserver.field import sample
-from chunkserver.grid import ChunkKey, ChunkShape
+from chunkserver.grid import LOD_MAX, ChunkKey, ChunkShape
 from chunkserver.mesher import extract
 from chunkserver.pipeline import STAGES, ChunkRequest, build_chunk, check_request, generator
 from chunkserver.recipe import WorldRecipe, builtin, canonical
@@ -28,10 +28,9 @@ WRONG = [
     ("key", ChunkKey(0, 0, -(1 << 35) - 1, 0), f"y is {-(1 << 35) - 1}"),
     ("key", ChunkKey(20, 0, 0, 1 << 15), f"z is {1 << 15}"),
     ("mesher", "dual", "mesher is 'dual'"),
-    ("seam", "skirts", "seam is 'skirts'"),
-    ("coarser", 1, "coarser is 1"),
+    ("seam", "walls", "seam is 'walls'"),
     ("coarser", -1, "coarser is -1"),
-    ("coarser", 64, "coarser is 64; only 0"),
+    ("coarser", 64, "coarser is 64"),
     ("voxel_size", 0.0, "voxel_size is 0.0"),
     ("voxel_size", -1.0, "voxel_size is -1.0"),
     ("voxel_size", math.nan, "voxel_size is nan"),
@@ -51,6 +50,23 @@ def test_a_bad_value_is_named_before_anything_is_built(field, value, named, monk
         with pytest.raises(BadKey if field == "key" else BadParameter, match=named) as refused:
             refuse(request)
         assert refused.value.values
+
+
+@pytest.mark.parametrize("seam", ["none", "skirts"])
+def test_a_mask_needs_transitions(seam):
+    with pytest.raises(BadParameter, match=f"coarser is 4; it needs seam=transitions, and seam is '{seam}'") as refused:
+        check_request(replace(REQUEST, coarser=4, seam=seam))
+    assert refused.value.values == {"coarser": 4, "seam": seam}
+
+
+def test_nothing_is_coarser_than_the_last_level():
+    for lod in range(LOD_MAX):
+        check_request(replace(REQUEST, key=ChunkKey(lod, 0, -1, 0), coarser=63))
+    last = replace(REQUEST, key=ChunkKey(LOD_MAX, 0, -1, 0))
+    check_request(last)
+    with pytest.raises(BadParameter, match="coarser is 1; nothing is coarser than lod 20") as refused:
+        check_request(replace(last, coarser=1))
+    assert refused.value.values == {"coarser": 1}
 
 
 def test_a_recipe_of_too_many_registers_is_refused_when_it_is_built():
@@ -127,13 +143,15 @@ OTHER: dict[str, Any] = {
     "key": ChunkKey(0, 1, -1, 0),
     "cells": 16,
     "voxel_size": 2.0,
+    "coarser": 5,
+    "seam": "skirts",
     "revision": 1,
     "encoding": Encoding("glb"),
 }
 """Another value of each field of a request that changes its bytes."""
 
-ONE_VALUE = {"mesher", "coarser", "seam"}
-"""Fields of which one value is built, or which change nothing yet."""
+ONE_VALUE = {"mesher"}
+"""Fields of which one value is built."""
 
 
 @pytest.mark.parametrize("field", OTHER)
@@ -145,8 +163,21 @@ def test_no_field_of_a_request_is_forgotten_here():
     assert {field.name for field in fields(ChunkRequest)} == OTHER.keys() | ONE_VALUE
 
 
-def test_seams_change_nothing_while_no_neighbour_is_coarser():
+def test_transitions_change_nothing_while_no_neighbour_is_coarser():
     assert build_chunk(replace(REQUEST, seam="none")) == build_chunk(REQUEST)
+
+
+def test_a_chunk_with_a_mask_is_that_of_the_three_steps():
+    request = replace(REQUEST, key=ChunkKey(2, 0, -1, 0), coarser=9)
+    mesh = extract(sample(TERRAIN, request.key, ChunkShape(32, 1), 9))
+    assert build_chunk(request).body == encode(mesh, Placement(request.key, 32, 1.0, coarser=9), Encoding())
+
+
+@pytest.mark.parametrize("mask", [1, 6, 63])
+def test_an_empty_chunk_has_nothing_to_close(mask):
+    world = WorldRecipe(7, builtin("hills"))
+    chunks = [build_chunk(ChunkRequest(world, ChunkKey(0, 0, y, 0), coarser=mask)) for y in (9, -9)]
+    assert [chunk.content for chunk in chunks] == ["air", "rock"]
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

@@ -97,10 +97,18 @@ def test_the_query_is_that_of_a_chunk(client, pool):
     post(client, f"{SEEDS}?recipe=hills&profile=f32&seam=none", chunks=[[0, 0, 0, 0]], coding="gzip")
     (built,) = pool.built
     assert (built.seam, built.encoding.profile, built.encoding.coding) == ("none", "f32", "gzip")
-    for query in ("recipe=nonsense", "g=00", "frame=chunk", "nonsense=1", "seam=skirts"):
+    for query in ("recipe=nonsense", "g=00", "frame=chunk", "nonsense=1", "seam=walls", "coarser=64"):
         answer = client.post(f"{SEEDS}?{query}", json={"chunks": [[0, 0, 0, 0]]})
         assert answer.status_code in (410, 422)
         assert query.partition("=")[0] in answer.json()
+
+
+def test_a_mask_counts_for_all_and_none_may_be_of_the_last_level(client, pool):
+    post(client, f"{SEEDS}?coarser=5", chunks=[[0, 0, 0, 0], [19, 0, 0, 0]])
+    assert [built.coarser for built in pool.built] == [5, 5]
+    answer = client.post(f"{SEEDS}?coarser=5", json={"chunks": [[0, 0, 0, 0], [20, 0, 0, 0]]})
+    assert (answer.status_code, answer.json()["index"], answer.json()["coarser"]) == (422, 1, 5)
+    assert answer.json()["detail"] == "chunks[1]: coarser is 5; nothing is coarser than lod 20 in this world"
 
 
 def test_nearest_first_and_the_coarser_of_two_that_are_as_near(client, pool):

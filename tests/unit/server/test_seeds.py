@@ -4,7 +4,6 @@ import pytest
 
 from chunkserver.pipeline import generator
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, canonical
-from chunkserver.server.parameters import COARSER_BUILT
 from chunkserver.server.seeds import describe
 from tests.unit.server.stub import StubPool, client_of
 
@@ -43,8 +42,8 @@ def test_its_urls_work_and_its_promises_are_kept(client):
     for mesher in found["meshers"]:
         for seam in found["seams"]:
             for coarser in found["coarser"]:
-                query = f"mesher={mesher}&seam={seam}&coarser={coarser}"
-                assert client.get(f"/v1/seeds/42/chunks/0/0/0/0?{query}").status_code == 200
+                answer = client.get(f"/v1/seeds/42/chunks/0/0/0/0?mesher={mesher}&seam={seam}&coarser={coarser}")
+                assert answer.status_code == (422 if coarser and seam != "transitions" else 200)
 
 
 def test_the_bounds_are_where_chunks_end(client):
@@ -66,10 +65,12 @@ def test_the_position_lattice():
     assert (lattice.high - lattice.low) / lattice.units_per_voxel == 32
 
 
-def test_only_the_masks_named_are_built(client):
-    for mask in range(64):
-        status = client.get(f"/v1/seeds/42/chunks/1/0/0/0?coarser={mask}").status_code
-        assert status == (200 if mask in COARSER_BUILT else 422)
+def test_all_masks_are_built_but_at_the_last_level(client):
+    assert client.get("/v1/seeds/42").json()["coarser"] == list(range(64))
+    for mask in range(65):
+        for lod, masks in ((0, 64), (19, 64), (20, 1)):
+            status = client.get(f"/v1/seeds/42/chunks/{lod}/0/0/0?coarser={mask}").status_code
+            assert status == (200 if mask < masks else 422)
 
 
 @pytest.mark.parametrize("url", ["/v1/seeds/01", "/v1/seeds/1?mesher=marching-cubes", "/v1/seeds/1?recipe=x"])

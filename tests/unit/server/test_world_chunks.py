@@ -210,7 +210,7 @@ def test_a_world_that_is_deleted_ends_the_waiting(client):
     assert found[0].json()["type"] == "urn:chunkserver:problem:unknown-world"
 
 
-@pytest.mark.parametrize("query", ["min_revision=1&g=00", "min_revision=1&coarser=1", "min_revision=1&epoch=00"])
+@pytest.mark.parametrize("query", ["min_revision=1&g=00", "min_revision=1&coarser=64", "min_revision=1&epoch=00"])
 def test_nobody_waits_for_a_refusal(client, query):
     assert client.get(f"{URL}?{query}").status_code in (410, 422)
 
@@ -237,7 +237,9 @@ def test_an_empty_chunk(client, pool, content):
         (f"{URL}?epoch=NOHEX", "epoch", "NOHEX"),
         (f"{URL}.glb?profile=std", "profile", "std"),
         (f"{URL}.mesh?frame=chunk", "frame", "chunk"),
-        (f"{URL}?seam=skirts", "seam", "skirts"),
+        (f"{URL}?seam=walls", "seam", "walls"),
+        (f"{URL}?coarser=1&seam=skirts", "coarser", 1),
+        ("/v1/worlds/w/chunks/4/0/0/0?coarser=32", "coarser", 32),
         (f"{URL}?g=00&g=00", "g", "00"),
     ],
 )

@@ -50,6 +50,14 @@ def test_a_world_has_all_that_a_seed_has(client):
     assert {name for name in seed if seed[name] != world[name]} == {"lods", "urls"}
 
 
+def test_a_world_of_a_single_level_has_no_coarser_neighbours(client):
+    assert client.post("/v1/worlds", json=NEW | {"lods": 1}).json()["coarser"] == [0]
+    assert client.get("/v1/worlds/w/chunks/0/0/0/0").status_code == 200
+    answer = client.get("/v1/worlds/w/chunks/0/0/0/0?coarser=1")
+    assert (answer.status_code, answer.json()["coarser"]) == (422, 1)
+    assert answer.json()["detail"] == "coarser is 1; nothing is coarser than lod 0 in this world"
+
+
 @pytest.mark.parametrize("cells", [16, 32, 64])
 def test_what_is_chosen(client, cells):
     chosen = {"voxel_size": 0.25, "lods": 3, "chunk_cells": cells}

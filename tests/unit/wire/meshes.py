@@ -36,7 +36,8 @@ def placements(draw: st.DrawFn, voxel_size: st.SearchStrategy[float]) -> Placeme
     limit = LATTICE_MAX // (cells << lod)
     axis = st.integers(-limit, limit - 1)
     key = ChunkKey(lod, draw(axis), draw(axis), draw(axis))
-    return Placement(key, cells, draw(voxel_size), draw(st.integers(0, 2**63 - 1)), draw(st.integers(0, 63)))
+    coarser = draw(st.integers(0, 63 if lod < LOD_MAX else 0))
+    return Placement(key, cells, draw(voxel_size), draw(st.integers(0, 2**63 - 1)), coarser)
 
 
 powers_of_two = st.integers(-20, 20).map(lambda exponent: 2.0**exponent)

@@ -85,8 +85,14 @@ def test_a_key_outside_the_world():
         encode(EMPTY["air"], PLACEMENT._replace(key=ChunkKey(0, 2**35, 0, 0)))
 
 
+def test_nothing_is_coarser_than_the_last_level():
+    with pytest.raises(BadParameter, match="coarser is 1; nothing is coarser than lod 20"):
+        check_encodable(PLACEMENT._replace(key=ChunkKey(20, 0, 0, 0), coarser=1), Encoding())
+
+
 def test_limits_of_a_placement_are_inside():
-    check_encodable(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 63), Encoding())
+    check_encodable(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 0), Encoding())
+    check_encodable(Placement(ChunkKey(19, -(2**16), 0, 2**16 - 1), 32, 2.0**20, 2**63 - 1, 63), Encoding())
     check_encodable(Placement(ChunkKey(0, -(2**36), 0, 2**36 - 1), 16, 2.0**-20, 0, 0), Encoding())
 
 
