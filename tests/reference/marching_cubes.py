@@ -95,17 +95,17 @@ def _vertex(density: list[list[list[float]]], apron: int, units: int, low: Point
             at((x, y, z + 1)) - at((x, y, z - 1)),
         ]
 
-    crossing = _nearest(at(low), at(high), units)
+    crossing = nearest(at(low), at(high), units)
     x, y, z = (POSITION_LOW + units * a + crossing * (b - a) for a, b in zip(low, high, strict=True))
     t = crossing / units
     normal = [a + t * (b - a) for a, b in zip(gradient(low), gradient(high), strict=True)]
     if normal == [0.0, 0.0, 0.0]:
         towards_air = 1.0 if at(high) > at(low) else -1.0
         normal = [towards_air * (b - a) for a, b in zip(low, high, strict=True)]
-    return (x, y, z), _stored(normal)
+    return (x, y, z), stored(normal)
 
 
-def _nearest(low: float, high: float, units: int) -> int:
+def nearest(low: float, high: float, units: int) -> int:
     """Return `-low / (high - low)` in units, rounded half up and kept off both ends: exact, in whole numbers."""
     (p, q), (r, s) = low.as_integer_ratio(), high.as_integer_ratio()
     part, whole = -p * s, r * q - p * s
@@ -116,7 +116,7 @@ def _sum(a: Point, b: Point) -> Point:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def _stored(normal: list[float]) -> Normals:
+def stored(normal: list[float]) -> Normals:
     length = math.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
     unit = [value / length for value in normal]
     x, y, z = (math.floor(value * 127.0 + 0.5) for value in unit)

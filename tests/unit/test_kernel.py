@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import platformdirs
 import pytest
 
@@ -114,3 +115,89 @@ def test_the_cache_folder_is_the_one_chosen_or_the_users(monkeypatch, tmp_path):
     assert kernel.cache_root() == platformdirs.user_cache_path("chunkserver")
     monkeypatch.delenv("CHUNKSERVER_CACHE_DIR")
     assert kernel.cache_root() == platformdirs.user_cache_path("chunkserver")
+
+
+ARRAYS = [np.arange(500, dtype=np.uint16), np.ones((3, 4), np.uint8)]
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """A cache folder that is not there yet."""
+    monkeypatch.setattr(kernel, "CACHE_DIR", tmp_path / "cache")
+    return tmp_path / "cache"
+
+
+def kept_or_made():
+    """Return whether `ARRAYS` had to be made."""
+    made = []
+    found = kernel.kept("table", lambda: made.append(True) or ARRAYS)
+    assert len(found) == len(ARRAYS)
+    for array, expected in zip(found, ARRAYS, strict=True):
+        assert array.dtype == expected.dtype
+        assert np.array_equal(array, expected)
+    return bool(made)
+
+
+def test_arrays_are_made_once(cache):
+    assert [kept_or_made() for _ in range(3)] == [True, False, False]
+    assert [path.name for path in cache.iterdir()] == ["table.npz"]
+
+
+def test_a_file_that_was_cut_off_or_overwritten_is_made_again(cache):
+    assert kept_or_made()
+    whole = (cache / "table.npz").read_bytes()
+    for broken in (b"", whole[:1], whole[:100], whole[: len(whole) // 2], whole[:-1], bytes(200), whole[:300] * 2):
+        (cache / "table.npz").write_bytes(broken)
+        assert kept_or_made(), len(broken)
+        assert not kept_or_made()
+        assert (cache / "table.npz").read_bytes() == whole
+
+
+def test_what_cannot_be_kept_is_made_all_the_same(cache, caplog):
+    cache.write_bytes(b"a file where the folder should be")
+    assert [kept_or_made() for _ in range(2)] == [True, True]
+    assert [record.msg for record in caplog.records] == ["%s cannot be kept: %s"] * 2
+
+
+def test_a_disk_that_is_full_leaves_nothing_behind(cache, monkeypatch, caplog):
+    def full(path, *_):
+        path.write_bytes(b"half")
+        raise OSError("no space left")
+
+    monkeypatch.setattr(np, "savez", full)
+    assert [kept_or_made() for _ in range(2)] == [True, True]
+    assert not list(cache.iterdir())
+    assert len(caplog.records) == 2
+
+
+KEEPER = """
+import sys
+import numpy as np
+from chunkserver.kernel import kept
+
+def make():
+    print("making", flush=True)
+    sys.stdin.readline()
+    return [np.arange(200_000)]
+
+print(kept("table", make)[0].sum())
+"""
+
+
+def test_two_that_keep_the_same_at_once(tmp_path):
+    """Both have begun before either goes on: each makes it, and what the last one wrote is whole."""
+    environment = {**os.environ, "CHUNKSERVER_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", KEEPER]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": environment}
+    with subprocess.Popen(command, **pipes) as one, subprocess.Popen(command, **pipes) as other:
+        both = (one, other)
+        try:
+            assert [process.stdout.readline() for process in both] == ["making\n"] * 2
+            answers = [process.communicate("\n", timeout=SECONDS_MAX)[0] for process in both]
+        finally:
+            for process in both:
+                process.kill()
+    assert answers == ["19999900000\n"] * 2
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SECONDS_MAX, check=True)
+    assert found.stdout == "19999900000\n", "kept: not made a third time"
+    assert [path.name for path in tmp_path.glob("kernels-*/*")] == ["table.npz"]
