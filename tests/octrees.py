@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.grid import FACES, ChunkKey, ChunkShape
-from chunkserver.mesh import Mesh
+from chunkserver.mesh import Mesh, NormalKind
 from chunkserver.mesher import extract
 from chunkserver.samples import Samples, coarse_box
 from tests.worlds import Densities
@@ -20,11 +20,14 @@ _MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np
 
 
 class Octree:
-    """The leaves of an octree over 2 x 2 x 2 chunks of level `top`; neighbours differ by a level at most."""
+    """The leaves of an octree over 2 x 2 x 2 chunks of level `top`; neighbours differ by a level at most.
 
-    def __init__(self, top: int) -> None:
+    low: the chunk of that level that is the first.
+    """
+
+    def __init__(self, top: int, low: tuple[int, int, int] = (0, 0, 0)) -> None:
         self.top = top
-        self.leaves = {ChunkKey(top, *place) for place in product(range(2), repeat=3)}
+        self.leaves = {ChunkKey(top, *place) for place in product(*(range(first, first + 2) for first in low))}
 
     def leaf(self, key: ChunkKey) -> ChunkKey | None:
         """Return the leaf that `key` is, or lies in; None if it is outside, or was split."""
@@ -57,20 +60,25 @@ class Octree:
         return mask
 
 
-def random_octree(rng: np.random.Generator, levels: int, share: float) -> Octree:
+def random_octree(
+    rng: np.random.Generator, levels: int, share: float, low: tuple[int, int, int] = (0, 0, 0), finest: int = 0
+) -> Octree:
     """Return an octree of so many levels at most, in which `share` of the leaves of each level were split."""
-    tree = Octree(levels - 1)
-    for lod in range(levels - 1, 0, -1):
+    tree = Octree(finest + levels - 1, low)
+    for lod in range(finest + levels - 1, finest, -1):
         for key in sorted(key for key in tree.leaves if key.lod == lod):
             if key in tree.leaves and rng.random() < share:
                 tree.split(key)
     return tree
 
 
-def chunks_of(tree: Octree, field: Field, cells: int, masked: bool = True) -> Iterator[tuple[ChunkKey, Mesh]]:
+def chunks_of(
+    tree: Octree, field: Field, cells: int, masked: bool = True, normals: NormalKind = "int8"
+) -> Iterator[tuple[ChunkKey, Mesh]]:
     """Yield the chunks of all leaves. masked: closed against coarser neighbours."""
     for key in sorted(tree.leaves):
-        yield key, extract(samples_of(field, key, ChunkShape(cells), tree.coarser(key) if masked else 0))
+        samples = samples_of(field, key, ChunkShape(cells), tree.coarser(key) if masked else 0)
+        yield key, extract(samples, normals=normals)
 
 
 def samples_of(field: Field, key: ChunkKey, shape: ChunkShape, coarser: int) -> Samples:

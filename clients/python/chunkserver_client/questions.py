@@ -31,7 +31,7 @@ class ChunkOptions(TypedDict, total=False):
     profile: of the native format: "std" (default) or "f32".
     frame: of GLB: "world" (default) or "chunk". It only changes the node; the mesh that is decoded is the same.
     mesher: the surface extractor; the descriptor names those that are built.
-    seam: how borders to coarser neighbours are closed: "transitions" (default) or "none".
+    seam: how borders between levels are closed: "transitions" (default), "skirts" or "none".
     coarser: mask of the faces whose neighbour is one LOD coarser: -x 1, +x 2, -y 4, +y 8, -z 16, +z 32.
     min_revision: of a world: wait until it has this revision.
     revision: of a world: one that the caller knows, `world.revision` say. A chunk that had not been edited since is

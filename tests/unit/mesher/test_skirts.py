@@ -1,0 +1,115 @@
+"""Skirts: where they are, how they are turned, what they cost, and that the surface is left alone."""
+
+import numpy as np
+import pytest
+
+from chunkserver.field import sample
+from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape
+from chunkserver.mesher import extract
+from chunkserver.mesher.skirts import HEIGHT_CELLS
+from chunkserver.recipe import WorldRecipe, builtin
+from chunkserver.samples import Samples
+from tests.worlds import GRIDS
+
+COST_MAX = 0.25
+VIEWS = {
+    "hills": [ChunkKey(0, x, y, z) for x in range(3) for y in (-1, 0) for z in range(3)],
+    "planet": [ChunkKey(1, x, 3, z) for x in range(-2, 2) for z in range(-2, 2)],
+    "terrain": [ChunkKey(0, x, -1, z) for x in range(3) for z in range(3)],
+}
+
+
+def both(samples, normals="int8"):
+    return extract(samples, normals=normals), extract(samples, normals=normals, skirts=True)
+
+
+def grids(cells):
+    rng = np.random.default_rng(3)
+    for grid in GRIDS.values():
+        yield Samples(ChunkShape(cells), grid(rng, cells + 3))
+    yield sample(WorldRecipe(7, builtin("terrain")), ChunkKey(1, 0, -1, 0), ChunkShape(cells))
+
+
+def in_faces(positions, triangles):
+    """Return which triangles lie in a face of the chunk: (T,)."""
+    corners = positions[triangles, :3]
+    flat = (corners == corners[:, :1]).all(axis=1)
+    return (flat & ((corners[:, 0] == POSITION_LOW) | (corners[:, 0] == POSITION_HIGH))).any(axis=1)
+
+
+@pytest.mark.parametrize("cells", [16, 32, 64])
+@pytest.mark.parametrize("normals", ["int8", "float32"])
+def test_the_surface_is_left_alone_and_skirts_lie_in_the_faces_and_the_margin(cells, normals):
+    for samples in grids(cells):
+        plain, skirted = both(samples, normals)
+        vertices, triangles = len(plain.positions), len(plain.triangles)
+        assert len(skirted.triangles) > triangles
+        assert np.array_equal(skirted.positions[:vertices], plain.positions)
+        assert np.array_equal(skirted.normals[:vertices], plain.normals)
+        assert np.array_equal(skirted.triangles[:triangles], plain.triangles)
+        assert in_faces(skirted.positions, skirted.triangles[triangles:]).all()
+        reach = HEIGHT_CELLS * samples.shape.units_per_cell
+        assert reach < POSITION_LOW
+        assert skirted.positions[:, :3].min() >= POSITION_LOW - reach
+        assert skirted.positions[:, :3].max() <= POSITION_HIGH + reach
+        assert skirted.triangles.max() < len(skirted.positions)
+        assert (skirted.positions[:, 3] == plain.positions[0, 3]).all()
+
+
+@pytest.mark.parametrize("cells", [16, 32])
+def test_a_skirt_goes_on_where_the_surface_ends(cells):
+    """Each border edge of the surface is walked once by it and once, the other way, by a skirt that reaches down."""
+    for samples in grids(cells):
+        plain, skirted = both(samples)
+        count = len(skirted.positions)
+
+        def walked(triangles, count=count):
+            return np.concatenate([triangles[:, i].astype(np.int64) * count + triangles[:, i - 2] for i in range(3)])
+
+        surface, skirt = (
+            walked(skirted.triangles[: len(plain.triangles)]),
+            walked(skirted.triangles[len(plain.triangles) :]),
+        )
+        a, b = np.divmod(surface, count)
+        border = surface[~np.isin(b * count + a, surface)]
+        a, b = np.divmod(border, count)
+        back = np.isin(b * count + a, skirt)
+        assert not np.isin(border, skirt).any()
+        assert back.any()
+        upper = skirt[np.logical_and(*(end < len(plain.positions) for end in np.divmod(skirt, count)))]
+        assert np.isin(upper, b * count + a).all()
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_skirts_cost_few_triangles(name):
+    plain = skirted = 0
+    for key in VIEWS[name]:
+        pair = both(sample(WorldRecipe(42, builtin(name)), key, ChunkShape(32)))
+        plain, skirted = plain + len(pair[0].triangles), skirted + len(pair[1].triangles)
+    assert plain > 5_000
+    assert plain < skirted <= (1 + COST_MAX) * plain
+
+
+def test_a_skirt_hangs_down_from_a_plain():
+    """A plane at a height of 16.5 cells: six cells deep on four faces, none on the two others."""
+    shape = ChunkShape(32)
+    height = np.arange(-1, 34, dtype=np.float32)[:, None, None] - np.float32(16.5)
+    samples = Samples(shape, np.ascontiguousarray(np.broadcast_to(height, (35, 35, 35))))
+    plain, skirted = both(samples)
+    new = skirted.positions[len(plain.positions) :, :3].astype(int)
+    assert set(new[:, 1]) == {POSITION_LOW + 1024 * 33 // 2 - HEIGHT_CELLS * 1024}
+    assert len(skirted.triangles) - len(plain.triangles) == 4 * 32 * 2
+    a, b, c = (skirted.positions[skirted.triangles[len(plain.triangles) :, i], :3].astype(int) for i in range(3))
+    turned = np.cross(b - a, c - a)
+    outwards = (a + b + c) - 3 * (POSITION_LOW + POSITION_HIGH) // 2
+    assert (np.einsum("ij,ij->i", turned * (turned != 0), outwards) > 0).all(), "seen from outside"
+
+
+@pytest.mark.parametrize("value", [1, -1])
+def test_nothing_to_hang_from(value):
+    empty = Samples(ChunkShape(16), np.full((19, 19, 19), value, np.float32))
+    assert extract(empty, skirts=True).is_empty
+    ball = np.indices((19, 19, 19)) - 9.0
+    inside = Samples(ChunkShape(16), (np.sqrt((ball**2).sum(axis=0)) - 5).astype(np.float32))
+    plain, skirted = both(inside)
+    assert np.array_equal(plain.triangles, skirted.triangles)
