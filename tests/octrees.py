@@ -106,7 +106,8 @@ def _hashed(seed: int, level: int, x: Points, y: Points, z: Points) -> NDArray[n
     for axis, factor in zip((x, y, z), _MIX, strict=True):
         mixed = (mixed ^ axis.astype(np.uint64)) * factor
         mixed ^= mixed >> np.uint64(29)
-    return (mixed * _MIX[0]) >> np.uint64(40)
+    bits: NDArray[np.uint64] = (mixed * _MIX[0]) >> np.uint64(40)
+    return bits
 
 
 def noise_of_all(seed: int) -> Field:
@@ -121,7 +122,7 @@ def noise_of_each(seed: int) -> Field:
 
 def integers(seed: int) -> Field:
     """Return -1, 0 and 1, so that a third of all samples are exactly at the isovalue."""
-    return lambda level, x, y, z: _hashed(seed, level, x, y, z).astype(np.int64).__mod__(3).astype(np.float32) - 1
+    return lambda level, x, y, z: (_hashed(seed, level, x, y, z).astype(np.int64) % 3 - 1).astype(np.float32)
 
 
 def planes(seed: int) -> Field:
@@ -130,7 +131,7 @@ def planes(seed: int) -> Field:
 
     def field(_: int, x: Points, y: Points, z: Points) -> Densities:
         sides = [np.maximum(a - at, at - b - 8) for at, a, b in zip((x, y, z), low, high, strict=True)]
-        return np.maximum.reduce([np.maximum(np.float32(0) + side, side) for side in sides]).astype(np.float32) - 4
+        return np.asarray(np.maximum.reduce(sides) - 4, np.float32)
 
     return field
 
@@ -142,7 +143,8 @@ def spheres(seed: int) -> Field:
 
     def field(level: int, x: Points, y: Points, z: Points) -> Densities:
         place = [axis - at for axis, at in zip((x, y, z), middle, strict=True)]
-        return (np.sqrt(sum(axis * axis for axis in place)) - radius + 0.7 * level).astype(np.float32)
+        distance = np.sqrt(np.sum([axis * axis for axis in place], axis=0)) - radius
+        return np.asarray(distance + 0.7 * level, np.float32)
 
     return field
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from chunkserver.field import sample
-from chunkserver.grid import LATTICE_MAX, ChunkKey, ChunkShape
+from chunkserver.grid import LATTICE_MAX, POSITION_LOW, ChunkKey, ChunkShape
 from chunkserver.mesh import Mesh
 from chunkserver.mesher import extract
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
 from chunkserver.samples import Samples, coarse_box
 from tests.octrees import FIELDS, Octree, chunks_of, random_octree, samples_of
 from tests.scale import TORTURE, count
-from tests.surfaces import CHUNK_UNITS, POSITION_LOW, Surface, assert_closed, doubled_areas, edges_of, on_border, weld
+from tests.surfaces import CHUNK_UNITS, Surface, assert_closed, doubled_areas, edges_of, on_border, weld
 
 CELLS = 16
 
@@ -73,9 +73,9 @@ def blocks(rng, mask):
     coarse = rng.random((3, 3, 3)) < 0.5
     coarse[1, 1, 1] = False
     for face in range(6):
-        place = [1, 1, 1]
-        place[face // 2] += 1 if face & 1 else -1
-        coarse[tuple(place)] = mask >> face & 1
+        middle = [1, 1, 1]
+        middle[face // 2] += 1 if face & 1 else -1
+        coarse[tuple(middle)] = mask >> face & 1
     for place in product(range(3), repeat=3):
         found = 0
         for face in range(6):

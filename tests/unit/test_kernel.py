@@ -4,11 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import platformdirs
 import pytest
+from numpy.typing import NDArray
 
 from chunkserver import kernel
 
@@ -117,7 +120,7 @@ def test_the_cache_folder_is_the_one_chosen_or_the_users(monkeypatch, tmp_path):
     assert kernel.cache_root() == platformdirs.user_cache_path("chunkserver")
 
 
-ARRAYS = [np.arange(500, dtype=np.uint16), np.ones((3, 4), np.uint8)]
+ARRAYS: list[NDArray[Any]] = [np.arange(500, dtype=np.uint16), np.ones((3, 4), np.uint8)]
 
 
 @pytest.fixture
@@ -130,7 +133,12 @@ def cache(tmp_path, monkeypatch):
 def kept_or_made():
     """Return whether `ARRAYS` had to be made."""
     made = []
-    found = kernel.kept("table", lambda: made.append(True) or ARRAYS)
+
+    def make():
+        made.append(True)
+        return ARRAYS
+
+    found = kernel.kept("table", make)
     assert len(found) == len(ARRAYS)
     for array, expected in zip(found, ARRAYS, strict=True):
         assert array.dtype == expected.dtype
@@ -188,11 +196,13 @@ def test_two_that_keep_the_same_at_once(tmp_path):
     """Both have begun before either goes on: each makes it, and what the last one wrote is whole."""
     environment = {**os.environ, "CHUNKSERVER_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-c", KEEPER]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": environment}
-    with subprocess.Popen(command, **pipes) as one, subprocess.Popen(command, **pipes) as other:
+    start = partial(
+        subprocess.Popen, command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    )
+    with start() as one, start() as other:
         both = (one, other)
         try:
-            assert [process.stdout.readline() for process in both] == ["making\n"] * 2
+            assert [process.stdout.readline() for process in both if process.stdout] == ["making\n"] * 2
             answers = [process.communicate("\n", timeout=SECONDS_MAX)[0] for process in both]
         finally:
             for process in both:
