@@ -11,7 +11,7 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import AsyncIterator
-from functools import partial
+from functools import cache, partial
 from http import HTTPStatus
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -69,20 +69,18 @@ REFUSED_SECONDS: Final = 0.1
 BATCH_SECONDS_MAX: Final = 120.0
 """A batch that takes longer ends without its last frame."""
 
-Coordinate = StrictInt
-"""Of a chunk; its range is checked with the key."""
-
 
 class Batch(BaseModel):
     """Which chunks, and how."""
 
     model_config = ConfigDict(extra="forbid")
 
-    chunks: list[tuple[Coordinate, Coordinate, Coordinate, Coordinate]] = Field(
+    chunks: list[Annotated[list[StrictInt], Field(min_length=4, max_length=5)]] = Field(
         min_length=1,
         max_length=CHUNKS_MAX,
-        description="The chunks: `[lod, x, y, z]` each.",
-        examples=[[[0, 1, -1, 3]]],
+        description="The chunks: `[lod, x, y, z]` each, or `[lod, x, y, z, coarser]` with a mask of its own. Without "
+        "one it has that of the query.",
+        examples=[[[0, 1, -1, 3], [0, 2, -1, 3, 2]]],
     )
     viewer: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = Field(
         None, description="Where the viewer is, in voxels: nearer chunks come first. Without it they come as listed."
@@ -160,12 +158,14 @@ class _Item(NamedTuple):
     """One chunk of a batch. Sorted as they are: nearest first, the coarser of two that are as near, then as listed.
 
     distance: in voxels, from the viewer to the nearest point of the chunk.
+    plan: for chunks with its mask.
     """
 
     distance: float
     finer: int
     number: int
     key: ChunkKey
+    plan: Plan
 
 
 class _Work:
@@ -173,7 +173,6 @@ class _Work:
 
     def __init__(self, service: Service, plan: Plan, batch: Batch, request: Request) -> None:
         self._service = service
-        self._plan = plan
         self._request = request
         self._known = frozenset(batch.known)
         self._urgency = urgency(request.headers.get("priority", "").encode("latin-1"))
@@ -227,7 +226,7 @@ class _Work:
 
     def _ask_for(self, item: _Item) -> int:
         """Ask for one chunk. Return the bytes that could be told of it at once."""
-        cache, tag = self._service.cache, self._plan.tag(item.key)
+        cache, tag = self._service.cache, item.plan.tag(item.key)
         if tag in self._known:
             return self._tell(item, HTTPStatus.NOT_MODIFIED, tag)
         chunk = cache.find(tag)
@@ -236,7 +235,7 @@ class _Work:
         if self._service.pool.refuses(self._urgency, item.key.lod) and not cache.at_hand(tag):
             self._hold(item)
             return 0
-        request = self._plan.request(item.key)
+        request = item.plan.request(item.key)
         distance = item.distance / request.cells
         build = partial(self._service.pool.build, request, urgency=self._urgency, distance=distance)
         building = self._building[item.number] = cache.ask(tag, build, self._urgency)
@@ -259,16 +258,16 @@ class _Work:
         self._changed.set()
 
     def _tell_chunk(self, item: _Item, tag: str, chunk: Chunk) -> int:
-        status = self._plan.status(chunk)
+        status = item.plan.status(chunk)
         if status == HTTPStatus.NO_CONTENT:
             return self._tell(item, status, tag, content=chunk.content)
-        coding = self._plan.template.encoding.coding
+        coding = item.plan.template.encoding.coding
         return self._tell(item, status, tag, body=chunk.body, content=chunk.content, coding=coding)
 
     def _tell(
         self, item: _Item, status: int, tag: str = "", *, body: bytes = b"", content: str = "", coding: str = IDENTITY
     ) -> int:
-        revision = self._plan.template.revision if tag else 0
+        revision = item.plan.template.revision if tag else 0
         parts = frame(item.number, status, body=body, content=content, coding=coding, revision=revision, tag=tag)
         self._ready += parts
         return sum(map(len, parts))
@@ -277,17 +276,18 @@ class _Work:
 def _in_order(plan: Plan, batch: Batch) -> list[_Item]:
     """Return the chunks of `batch`, nearest first. Raises `BadKey` or `BadParameter` that says which is wrong."""
     items = []
-    cells = plan.template.cells
-    for number, chunk in enumerate(batch.chunks):
-        key = ChunkKey(*chunk)
+    cells, fitted = plan.template.cells, cache(plan.fitted)
+    for number, (lod, x, y, z, *mask) in enumerate(batch.chunks):
+        key = ChunkKey(lod, x, y, z)
         try:
-            plan.check(key)
+            own = fitted(*mask) if mask else plan
+            own.check(key)
         except (BadKey, BadParameter) as error:
             raise type(error)(f"chunks[{number}]: {error.message}", index=number, **error.values) from None
         if batch.viewer is None:
-            items.append(_Item(0.0, 0, number, key))
+            items.append(_Item(0.0, 0, number, key, own))
         else:
-            items.append(_Item(_distance(key, cells, *batch.viewer), -key.lod, number, key))
+            items.append(_Item(_distance(key, cells, *batch.viewer), -lod, number, key, own))
     return sorted(items)
 
 

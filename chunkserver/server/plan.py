@@ -5,12 +5,12 @@ one, as long as it `holds`: nothing but the coordinates has to be looked at agai
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from http import HTTPStatus
 from typing import Any, Final, NamedTuple
 
 from chunkserver.grid import LOD_MAX, ChunkKey, check_key
-from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.pipeline import Chunk, ChunkRequest, check_request
 from chunkserver.server.etag import tags
 from chunkserver.wire import FORMATS, Encoding
 
@@ -39,6 +39,7 @@ class Plan:
     others: its fields behind recipe and key.
     headers: of every answer.
     holds: whether the same request would be answered alike now.
+    epoch: of the world, if they are chunks of one.
     lods: how many LODs there are.
     """
 
@@ -47,6 +48,7 @@ class Plan:
     tag: Callable[[ChunkKey], str]
     headers: Headers
     holds: Callable[[], bool]
+    epoch: str
     lods: int
 
     @classmethod
@@ -58,12 +60,21 @@ class Plan:
         epoch: str = "",
         lods: int = LOD_MAX + 1,
     ) -> "Plan":
-        """Return the plan for chunks like `template`. headers: those besides `ETag`, `Vary` and what tells of a body.
+        """Return the plan for chunks like `template`.
 
-        epoch: of the world, if they are chunks of one.
+        headers: those besides `ETag`, `Vary` and what tells of a body.
         """
         all_headers = {"Vary": VARY, **headers}
-        return cls(template, _others(template), tags(template, epoch), _raw(all_headers), holds, lods)
+        return cls(template, _others(template), tags(template, epoch), _raw(all_headers), holds, epoch, lods)
+
+    def fitted(self, coarser: int) -> "Plan":
+        """Return the plan for the same chunks with another mask of coarser neighbours.
+
+        Raises `BadParameter` if that is not built.
+        """
+        template = replace(self.template, coarser=coarser)
+        check_request(template)
+        return replace(self, template=template, others=_others(template), tag=tags(template, self.epoch))
 
     def check(self, key: ChunkKey) -> None:
         """Raise `BadKey` if there is no such chunk, `BadParameter` if it cannot have a coarser neighbour."""

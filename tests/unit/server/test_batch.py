@@ -103,12 +103,44 @@ def test_the_query_is_that_of_a_chunk(client, pool):
         assert query.partition("=")[0] in answer.json()
 
 
-def test_a_mask_counts_for_all_and_none_may_be_of_the_last_level(client, pool):
-    post(client, f"{SEEDS}?coarser=5", chunks=[[0, 0, 0, 0], [19, 0, 0, 0]])
-    assert [built.coarser for built in pool.built] == [5, 5]
+def test_the_mask_of_the_query_counts_for_chunks_without_one(client, pool):
+    post(client, f"{SEEDS}?coarser=5", chunks=[[0, 0, 0, 0], [19, 0, 0, 0], [0, 0, 0, 0, 9], [20, 0, 0, 0, 0]])
+    assert [built.coarser for built in pool.built] == [5, 5, 9, 0]
     answer = client.post(f"{SEEDS}?coarser=5", json={"chunks": [[0, 0, 0, 0], [20, 0, 0, 0]]})
     assert (answer.status_code, answer.json()["index"], answer.json()["coarser"]) == (422, 1, 5)
     assert answer.json()["detail"] == "chunks[1]: coarser is 5; nothing is coarser than lod 20 in this world"
+
+
+@pytest.mark.parametrize("place", [SEEDS, WORLDS])
+def test_each_chunk_may_have_a_mask_of_its_own(client, pool, place):
+    chunks = [[0, 0, 0, 0, mask] for mask in range(64)] + [[1, 3, 0, -2], [1, 3, 0, -2, 0], [1, 3, 0, -2, 33]]
+    frames = post(client, place, chunks=chunks)
+    assert [(*built.key, built.coarser) for built in pool.built] == [tuple(chunk) for chunk in chunks if len(chunk) > 4]
+    for frame in frames:
+        *key, mask = (*chunks[frame.place], 0)[:5]
+        alone = client.get(f"{place}/{'/'.join(map(str, key))}.mesh?coarser={mask}")
+        assert (frame.status, frame.body) == (alone.status_code, alone.content)
+        assert alone.headers["etag"] == f'"{frame.tag}"'
+    assert len(pool.built) == 66, "each was built once"
+    tags = [frame.tag for frame in frames]
+    assert {frame.status for frame in post(client, place, chunks=chunks, known=tags)} == {304}
+
+
+@pytest.mark.parametrize(
+    ("query", "chunk", "detail"),
+    [
+        ("", [0, 0, 0, 0, 64], "coarser is 64; it lies in [0, 63]"),
+        ("", [0, 0, 0, 0, -1], "coarser is -1; it lies in [0, 63]"),
+        ("", [20, 0, 0, 0, 7], "coarser is 7; nothing is coarser than lod 20 in this world"),
+        ("?seam=skirts", [0, 0, 0, 0, 7], "coarser is 7; it needs seam=transitions, and seam is 'skirts'"),
+        ("?seam=none", [0, 0, 0, 0, 7], "coarser is 7; it needs seam=transitions, and seam is 'none'"),
+    ],
+)
+def test_a_mask_that_cannot_be_is_refused_as_a_whole(client, pool, query, chunk, detail):
+    answer = client.post(f"{SEEDS}{query}", json={"chunks": [[0, 0, 0, 0], [0, 0, 0, 0, 0], chunk]})
+    assert (answer.status_code, answer.json()["index"], answer.json()["coarser"]) == (422, 2, chunk[4])
+    assert answer.json()["detail"] == f"chunks[2]: {detail}"
+    assert not pool.built
 
 
 def test_nearest_first_and_the_coarser_of_two_that_are_as_near(client, pool):
@@ -188,6 +220,8 @@ def test_while_the_queue_is_full_a_batch_waits():
         ({"chunks": []}, "chunks"),
         ({"chunks": [[0, 0, 0, 0]] * (CHUNKS_MAX + 1)}, "chunks"),
         ({"chunks": [[0, 0, 0]]}, "chunks"),
+        ({"chunks": [[0, 0, 0, 0, 0, 0]]}, "chunks"),
+        ({"chunks": [[0, 0, 0, 0, "1"]]}, "chunks"),
         ({"chunks": [[0, 0, 0, "0"]]}, "chunks"),
         ({"chunks": [[0, 0, 0, 0.5]]}, "chunks"),
         ({"chunks": [[0, 0, 0, True]]}, "chunks"),
@@ -256,7 +290,7 @@ def test_a_batch_that_is_closed_half_way_leaves_the_queue_once():
         service = create_app(Settings(workers=1), Never()).state.service
         template = ChunkRequest(WorldRecipe(1, builtin("plane")), ChunkKey(0, 0, 0, 0))
         plan = Plan.of(template, {}, lambda: True)
-        batch = Batch(chunks=[(0, x, 0, 0) for x in range(100)])
+        batch = Batch(chunks=[[0, x, 0, 0] for x in range(100)])
         work = _Work(service, plan, batch, Request({"type": "http", "headers": []}))
         frames = work.frames(0)
         assert (await anext(frames))[:4] == b"CHNB"
