@@ -8,7 +8,7 @@ from chunkserver_client import BadAnswer, BadRequest, ChunkKey, Recipe, Retry, S
 from chunkserver_client.batch import Batch
 from chunkserver_client.cache import AnswerCache
 from chunkserver_client.frames import MEDIA_TYPE
-from chunkserver_client.questions import chunk_request
+from chunkserver_client.questions import ChunkOptions, Fitted, Key, MaskedKey, chunk_request, fitted
 from chunkserver_client.steps import Answer
 from tests.client.scripted import Script, exchange
 
@@ -42,7 +42,7 @@ def stream(*frames: bytes) -> Answer:
 
 
 def run(script: Script, retry: Retry, cache: AnswerCache | None = None) -> None:
-    script.run(Batch(exchange(retry, cache), WORLD, KEYS, {}, None, "identity").steps())
+    script.run(Batch(exchange(retry, cache), WORLD, [Fitted(key, 0) for key in KEYS], {}, None, "identity").steps())
 
 
 def kept(tag: str) -> AnswerCache:
@@ -97,3 +97,26 @@ def test_a_chunk_that_fails_does_not_stop_the_others():
 
 def test_frames_of_no_chunk_and_second_frames_are_skipped():
     run(Script([stream(frame(5), frame(0), frame(0), frame(1), frame(2), frame(END, 200, count=5))]), ONCE)
+
+
+def test_masks_are_told_row_by_row_and_each_is_a_chunk_of_its_own():
+    options: ChunkOptions = {"coarser": 5}
+    rows: list[Key | MaskedKey] = [(0, 0, 7, 0), (0, 0, 7, 0, 63), (0, 0, 7, 0, 0), (0, 0, 7, 0, 5)]
+    asked = list(dict.fromkeys(fitted(row, options) for row in rows))
+    assert asked == [Fitted(KEYS[0], 5), Fitted(KEYS[0], 63), Fitted(KEYS[0], 0)]
+    cache = AnswerCache(1 << 20)
+    script = Script([stream(frame(0), frame(2), frame(1), frame(END, 200, count=3))])
+    script.run(Batch(exchange(ONCE, cache), WORLD, asked, options, None, "identity").steps())
+    (request,) = script.requests
+    assert b'"chunks":[[0,0,7,0,5],[0,0,7,0,63],[0,0,7,0]]' in request.body
+    assert "coarser" not in request.url
+    own: list[ChunkOptions] = [{"coarser": 5}, {"coarser": 63}, {"coarser": 0}, {}]
+    alone = [chunk_request(WORLD, KEYS[0], one) for one in own]
+    assert all(cache.find(one) is not None for one in alone)
+    assert len({one.url for one in alone}) == 3
+
+
+@pytest.mark.parametrize("row", [(0, 0, 7), (0, 0, 7, 0, 1, 2)])
+def test_a_row_of_another_length_is_refused(row):
+    with pytest.raises(ValueError, match="values to unpack"):
+        fitted(row, {})

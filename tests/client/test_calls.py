@@ -90,6 +90,21 @@ def test_a_chunk_of_a_seed(client, server, options):
     assert (mesh.key, mesh.cells, mesh.voxel_size, mesh.content) == (ChunkKey(*KEY), 32, 1.0, "surface")
 
 
+@pytest.mark.parametrize("format_", ["mesh", "glb"])
+def test_a_batch_with_a_mask_for_each_chunk(client, server, format_):
+    world, low = client.seed(42), (0, 0, -1, 0)
+    rows = [low, (*low, 1), (*low, 63), (1, 0, 0, 0, 4)]
+    found = {(*mesh.key, mesh.coarser): mesh for mesh in client.chunks(world, rows, format=format_)}
+    assert set(found) == {(*low, 0), *rows[1:]}
+    for (*key, mask), mesh in found.items():
+        query = {"coarser": mask}
+        answer = httpx2.get(f"{server.url}/v1/seeds/42/chunks/{'/'.join(map(str, key))}.{format_}", params=query)
+        assert same(mesh, decode(answer.content, answer.headers["content-type"]))
+    assert not same(found[(*low, 0)], found[(*low, 63)])
+    with pytest.raises(BadRequest, match="coarser is 7"):
+        list(client.chunks(world, [low, (20, 0, 0, 0, 7)]))
+
+
 @pytest.mark.parametrize("options", [{}, {"revision": 0}, {"min_revision": 0, "format": "glb"}])
 def test_a_chunk_of_a_world(client, server, world, options):
     mesh = client.chunk(world, (1, 4, 3, 0), **options)

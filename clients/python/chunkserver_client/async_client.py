@@ -12,7 +12,7 @@ from chunkserver_client.coding import Coding
 from chunkserver_client.descriptors import ChunkHead, ListedWorld, Recipe, SeedDescriptor, WorldDescriptor
 from chunkserver_client.driving import AsyncCall, Returned
 from chunkserver_client.mesh import ChunkMesh
-from chunkserver_client.questions import AnyWorld, ChunkOptions, Key, RecipeTree
+from chunkserver_client.questions import AnyWorld, ChunkOptions, Key, MaskedKey, RecipeTree
 from chunkserver_client.retry import Retry
 from chunkserver_client.settings import CACHE_BYTES, READY_SECONDS, TIMEOUT, calls_of, headers_of, tls_of
 from chunkserver_client.steps import Steps, Value
@@ -151,14 +151,15 @@ class AsyncClient:
     def chunks(
         self,
         world: AnyWorld,
-        keys: Iterable[Key],
+        keys: Iterable[Key | MaskedKey],
         *,
         viewer: Sequence[float] | None = None,
         **options: Unpack[ChunkOptions],
     ) -> AsyncIterator[ChunkMesh]:
         """Yield the mesh of each of many chunks, in the order in which they get ready.
 
-        keys: (lod, x, y, z) each; one that comes twice is yielded once. Up to 1,024 are one request, more are several.
+        keys: (lod, x, y, z) each, or (lod, x, y, z, coarser) for one with a mask of its own; without it, that of the
+            options counts. One that comes twice is yielded once. Up to 1,024 are one request, more are several.
         viewer: (x, y, z) in voxels: nearer chunks come first.
 
         What a stream that breaks off has left out is asked for again, for as long as `Retry` allows without any gain. A

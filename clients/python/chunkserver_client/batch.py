@@ -11,11 +11,11 @@ from chunkserver_client.errors import BadAnswer, ClientError, Unavailable, probl
 from chunkserver_client.exchange import BODY_BYTES_MAX, Exchange, checked, media_type
 from chunkserver_client.frames import MEDIA_TYPE, Frame, FrameReader
 from chunkserver_client.json_tree import Json
-from chunkserver_client.mesh import ChunkKey
 from chunkserver_client.questions import (
     MEDIA_TYPES,
     AnyWorld,
     ChunkOptions,
+    Fitted,
     batch_request,
     chunk_request,
     is_immutable,
@@ -31,14 +31,14 @@ CHUNKS_MAX: Final = 1024
 class _Wanted:
     """One chunk of a batch, and what the cache has of it."""
 
-    key: ChunkKey
+    chunk: Fitted
     request: Request
     entry: Entry | None
 
 
 @dataclass(slots=True)
 class Batch:
-    """One batch under way. keys: at most `CHUNKS_MAX`, each once.
+    """One batch under way. chunks: at most `CHUNKS_MAX`, each once.
 
     viewer: (x, y, z) in voxels: nearer chunks come first.
     coding: of each chunk.
@@ -46,11 +46,11 @@ class Batch:
 
     exchange: Exchange
     world: AnyWorld
-    keys: Sequence[ChunkKey]
+    chunks: Sequence[Fitted]
     options: ChunkOptions
     viewer: Sequence[float] | None
     coding: Coding
-    _missing: dict[ChunkKey, _Wanted] = field(init=False, default_factory=dict)
+    _missing: dict[Fitted, _Wanted] = field(init=False, default_factory=dict)
     _failed: list[ClientError] = field(init=False, default_factory=list)
 
     def steps(self) -> Steps[None]:
@@ -73,18 +73,18 @@ class Batch:
         try:
             return trial.pause_after(error)
         except ClientError as last:
-            last.add_note(f"{len(self._missing)} of {len(self.keys)} chunks are missing")
+            last.add_note(f"{len(self._missing)} of {len(self.chunks)} chunks are missing")
             raise
 
     def _deliver_fresh(self) -> Steps[None]:
         cache = self.exchange.cache
-        for key in self.keys:
-            request = chunk_request(self.world, key, self.options)
+        for chunk in self.chunks:
+            request = chunk_request(self.world, chunk.key, self.options | {"coarser": chunk.coarser})
             entry = cache.find(request)
             if entry is not None and cache.is_fresh(entry):
-                yield Deliver(mesh_of(entry.answer, self.world.place(key)))
+                yield Deliver(mesh_of(entry.answer, self.world.place(chunk.key)))
             else:
-                self._missing[key] = _Wanted(key, request, entry)
+                self._missing[chunk] = _Wanted(chunk, request, entry)
 
     def _stream(self, trial: Trial) -> Steps[None]:
         """Ask once for all that is missing. Returns when nothing is; raises what there is to wait for otherwise."""
@@ -107,7 +107,7 @@ class Batch:
         while not reader.is_done:
             piece: bytes = yield Read()
             for frame in reader.feed(piece):
-                if frame.index < len(wanted) and (one := wanted[frame.index]).key in self._missing:
+                if frame.index < len(wanted) and (one := wanted[frame.index]).chunk in self._missing:
                     found = yield from self._take(frame, one)
                     busy = found or busy
                     if found is None:
@@ -121,23 +121,23 @@ class Batch:
         """Deliver what is in a frame. Return the error if the chunk may be asked for again."""
         if frame.status >= 400:
             error = problem(frame.status, Json.parse(frame.body).members())
-            error.add_note(f"{wanted.key}")
+            error.add_note(f"{wanted.chunk.key}")
             if isinstance(error, Unavailable):
                 return error
             self._failed.append(error)
         else:
             answer = self._answer(frame, wanted)
-            mesh = mesh_of(answer, self.world.place(wanted.key))
+            mesh = mesh_of(answer, self.world.place(wanted.chunk.key))
             self.exchange.cache.keep(wanted.request, answer)
             yield Deliver(mesh)
-        del self._missing[wanted.key]
+        del self._missing[wanted.chunk]
         return None
 
     def _answer(self, frame: Frame, wanted: _Wanted) -> Answer:
         """Return what a request for this chunk alone would have given."""
         if frame.status == 304:
             if wanted.entry is None or wanted.entry.tag != f'"{frame.tag}"':
-                raise BadAnswer(f"a 304 for {frame.tag!r}, which was not named for {wanted.key}")
+                raise BadAnswer(f"a 304 for {frame.tag!r}, which was not named for {wanted.chunk.key}")
             return wanted.entry.answer
         immutable = is_immutable(self.world, self.options, frame.revision)
         headers = {

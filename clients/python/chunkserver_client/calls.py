@@ -25,9 +25,11 @@ from chunkserver_client.questions import (
     AnyWorld,
     ChunkOptions,
     Key,
+    MaskedKey,
     RecipeTree,
     chunk_key,
     chunk_request,
+    fitted,
     got,
     posted,
 )
@@ -101,9 +103,9 @@ class Calls:
         return self.exchange.ask(chunk_request(world, chunk_key(key), options, "HEAD"), head_of_chunk)
 
     def chunks(
-        self, world: AnyWorld, keys: Iterable[Key], viewer: Sequence[float] | None, options: ChunkOptions
+        self, world: AnyWorld, keys: Iterable[Key | MaskedKey], viewer: Sequence[float] | None, options: ChunkOptions
     ) -> Steps[None]:
-        asked = list(dict.fromkeys(map(chunk_key, keys)))
+        asked = list(dict.fromkeys(fitted(key, options) for key in keys))
         for start in range(0, len(asked), CHUNKS_MAX):
             part = asked[start : start + CHUNKS_MAX]
             yield from Batch(self.exchange, world, part, options, viewer, self.coding).steps()

@@ -3,7 +3,7 @@
 import json
 import operator
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final, Literal, TypedDict
+from typing import Any, Final, Literal, NamedTuple, TypedDict
 from urllib.parse import quote, urlencode
 
 from chunkserver_client import frames
@@ -17,6 +17,8 @@ Format = Literal["mesh", "glb"]
 Frame = Literal["world", "chunk"]
 AnyWorld = SeedDescriptor | WorldDescriptor
 Key = ChunkKey | tuple[int, int, int, int]
+MaskedKey = tuple[int, int, int, int, int]
+"""A key, and the chunk's own mask of coarser neighbours: (lod, x, y, z, coarser)."""
 RecipeTree = Mapping[str, Any] | float
 """An expression tree, a number, or a built-in recipe with parameters: `{"builtin": "planet", "radius": 500}`."""
 
@@ -56,6 +58,24 @@ def chunk_key(key: Key) -> ChunkKey:
     return ChunkKey(lod, x, y, z)
 
 
+class Fitted(NamedTuple):
+    """One chunk of a batch. coarser: its mask."""
+
+    key: ChunkKey
+    coarser: int
+
+    def row(self) -> list[int]:
+        """Return what stands for it in the body of a batch."""
+        return [*self.key, self.coarser] if self.coarser else [*self.key]
+
+
+def fitted(key: Key | MaskedKey, options: ChunkOptions) -> Fitted:
+    """Return the chunk of a batch; without a mask of its own it has that of `options`. Raises what `chunk_key` does."""
+    lod, x, y, z, *own = map(operator.index, key)
+    (coarser,) = own or (options.get("coarser", 0),)
+    return Fitted(ChunkKey(lod, x, y, z), coarser)
+
+
 def chunk_request(world: AnyWorld, key: ChunkKey, options: ChunkOptions, method: str = "GET") -> Request:
     """Return the request for one chunk."""
     form = options.get("format", "mesh")
@@ -66,7 +86,7 @@ def chunk_request(world: AnyWorld, key: ChunkKey, options: ChunkOptions, method:
 
 def batch_request(
     world: AnyWorld,
-    keys: Iterable[ChunkKey],
+    chunks: Iterable[Fitted],
     options: ChunkOptions,
     *,
     viewer: Sequence[float] | None,
@@ -74,12 +94,13 @@ def batch_request(
     coding: Coding,
 ) -> Request:
     """Return the request for a batch. known: entity tags, without quotes."""
-    body: dict[str, Any] = {"chunks": list(keys), "format": options.get("format", "mesh"), "coding": coding}
+    rows = [chunk.row() for chunk in chunks]
+    body: dict[str, Any] = {"chunks": rows, "format": options.get("format", "mesh"), "coding": coding}
     if viewer is not None:
         body["viewer"] = [float(voxel) for voxel in viewer]
     if known:
         body["known"] = known
-    path = f"{world.path}/chunks{_query(world, options)}"
+    path = f"{world.path}/chunks{_query(world, options | {'coarser': 0})}"  # each row has its own
     return posted(path, body, {"accept": frames.MEDIA_TYPE, "accept-encoding": "identity", **_priority(options)})
 
 
@@ -108,7 +129,7 @@ def _query(world: AnyWorld, options: ChunkOptions) -> str:
     elif "revision" in options:
         query |= {"revision": options["revision"], "g": world.generator, "epoch": world.epoch}
     for name in ("profile", "frame", "mesher", "seam", "coarser", "min_revision"):
-        if name in options:
+        if name in options and (name, options[name]) != ("coarser", 0):  # one URL for a chunk without a mask
             query[name] = options[name]
     return f"?{urlencode(query)}" if query else ""
 
