@@ -11,17 +11,10 @@ from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.wire import Encoding
-from tests.serving import serving
 
 SURFACE = "/v1/seeds/42/chunks/0/0/0/0"
 AIR = "/v1/seeds/42/chunks/0/0/9/0"
 IMMUTABLE = "public, max-age=31536000, immutable"
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("server") / "log", "--workers", "2") as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import BUILTINS, WorldRecipe, canonical
 from chunkserver.server.recipes import BODY_BYTES_MAX
 from chunkserver.wire import Encoding
-from tests.serving import serving, until
+from tests.serving import until
 
 TREE = {"op": "max", "a": {"op": "y"}, "b": {"op": "subtract", "a": 8, "b": {"op": "sphere", "radius": 20}}}
 PIECE = b"[" * 1024
@@ -38,12 +38,6 @@ BOMBS = {
     "thousands of unknown fields": (b'{"op":"x",' + b",".join(b'"k%d":1' % n for n in range(5000)) + b"}", 422),
     "half a surrogate": (b'"\\ud800"', 422),
 }
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("server") / "log", "--workers", "1") as running:
-        yield running
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import pytest
 from chunkserver.grid import ChunkKey
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.wire import FORMATS
-from tests.serving import serving
 from tests.worlds import chunk_mesh
 
 ROOT = Path(__file__).parents[2]
@@ -25,11 +24,10 @@ BATCHES = [url for _, url in POSTS if url.endswith("/chunks")]
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("server") / "log", "--workers", "1") as running:
-        for body, url in POSTS:
-            httpx2.post(url.replace(WRITTEN, running.url), json=json.loads(body)).raise_for_status()
-        yield running
+def server(server):
+    for body, url in POSTS:
+        httpx2.post(url.replace(WRITTEN, server.url), json=json.loads(body)).raise_for_status()
+    return server
 
 
 def test_what_is_posted_is_what_is_asked_for(server):
