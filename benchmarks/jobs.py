@@ -4,7 +4,21 @@ from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Final, NamedTuple
 
-from benchmarks import cores, extraction, growth, noise, overload, pool, service, skipping, stages, startup, tape, whole
+from benchmarks import (
+    cores,
+    extraction,
+    growth,
+    noise,
+    overload,
+    pool,
+    seams,
+    service,
+    skipping,
+    stages,
+    startup,
+    tape,
+    whole,
+)
 from benchmarks.measure import Line, Scale
 
 
@@ -35,6 +49,7 @@ JOBS: Final = {
         _job("A whole chunk", whole),
         _job("A tape beside functions written by hand", tape),
         _job("Chunks that need not be sampled", skipping),
+        _job("Borders between levels", seams),
         _job("Cost against surface and recipe", growth),
         _job("Two processes", cores),
         _job("Workers", pool),

@@ -16,8 +16,8 @@ MARK: Final = '<!-- what follows is written by `make bench ARGS="--page docs/per
 
 TARGETS_NOTE: Final = """
 Each line is one figure of this run beside what it is to become: the peer's time is to be so many times ours, or, where
-it says "at most", ours may be so many times the peer's. Of two processes the chunks count. The last column names the
-target that is reached, if one is.
+it says "at most", ours may be so many times the peer's; what is ours itself, so many times the first of its line. Of
+two processes the chunks count. The last column names the target that is reached, if one is.
 """
 
 
@@ -54,7 +54,7 @@ def targets(results: Results) -> str:
     if not found:
         return ""
     rows = [_target(target, reached) for target, reached in found]
-    head = [row(["job", "", "beside", "must", "aim", "today", "reached"]), row(["---"] * 3 + ["---:"] * 3 + ["---"])]
+    head = [row(["job", "", "figure", "must", "aim", "today", "reached"]), row(["---"] * 3 + ["---:"] * 3 + ["---"])]
     return "\n".join(["## Targets", TARGETS_NOTE, *head, *map(row, rows), ""])
 
 

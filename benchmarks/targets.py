@@ -1,4 +1,4 @@
-"""What the kernels are to reach, each beside a figure of the same run."""
+"""What the kernels are to reach, and what may be added to a chunk, each beside a figure of the same run."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
@@ -11,6 +11,7 @@ class Target(NamedTuple):
 
     job, subject, figure: where the peer's figure stands. must, aim: times.
     at_most: ours may be at most so many times the peer's; otherwise the peer's is to be at least so many times ours.
+    ours: the figure is not a peer's but ours, and may be at most so many times the first of its line.
     """
 
     job: str
@@ -19,6 +20,7 @@ class Target(NamedTuple):
     must: float
     aim: float
     at_most: bool = False
+    ours: bool = False
 
     def reached(self, lines: Sequence[Line]) -> float | None:
         """Return the median of what was measured, or None if it was not."""
@@ -28,7 +30,8 @@ class Target(NamedTuple):
             for figure in line.figures
             if (line.subject, figure.name) == (self.subject, self.figure)
         ]
-        return spread([1 / ratio if self.at_most else ratio for ratio in ratios[0]]).median if ratios else None
+        upside_down = self.at_most and not self.ours
+        return spread([1 / ratio if upside_down else ratio for ratio in ratios[0]]).median if ratios else None
 
     def verdict(self, reached: float) -> str:
         """Return which of the two it reaches: `aim`, `must` or neither."""
@@ -56,6 +59,10 @@ TARGETS: Final = (
     Target("skipping", "proved air", "without proof", 60, 100),
     Target("tape", "terrain", "by hand", 1.15, 1.0, at_most=True),
     Target("tape", "50 nodes of solids", "by hand", 2.5, 1.5, at_most=True),
+    *(
+        Target("seams", f"{place}: whole chunk", "six faces", 1.5, 1.3, at_most=True, ours=True)
+        for place in ("terrain surface", "caves", "planet")
+    ),
     Target("cores", _CAVES, "two processes", 1.85, 1.95),
 )
 

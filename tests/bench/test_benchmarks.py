@@ -4,7 +4,7 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,17 @@ from benchmarks.jobs import JOBS
 from benchmarks.measure import TINY, Figure, Line
 from benchmarks.report import MARK
 from benchmarks.scenes import SCENES, prepare
+from benchmarks.seams import PLACES, cut_requests
 from benchmarks.service import FIGURES
+from benchmarks.skipping import FLIGHTS
 from benchmarks.targets import TARGETS, Target, met
 
 ROOT = Path(__file__).parents[2]
 RUN_SECONDS_MAX = 600
 PICTURE_BYTES_MAX = 100_000
 MAY_BE_ZERO = {"triangles", "empty", "refused", "lost"}
-COUNTS = {"triangles", "triangles of the peer", "empty"}
+SEAMS = ("plain", "one face", "six faces", "skirts")
+COUNTS = {"triangles", "triangles of the peer", "empty", "masked", *(f"triangles, {seam}" for seam in SEAMS)}
 OPEN_SIMPLEX = {"simplex 2-D (OpenSimplex2)", "simplex 3-D (OpenSimplex2)"}
 
 
@@ -68,11 +71,11 @@ def test_every_figure_is_a_number_with_its_spread(run):
 
 
 def test_ratios_are_taken_round_by_round(run):
-    for job in ("extraction", "noise", "whole", "tape", "skipping"):
+    for job in ("extraction", "noise", "whole", "tape", "skipping", "seams"):
         for figures in lines_of(run, job).values():
-            ours = figures["chunkserver"]
+            ours = figures["plain" if job == "seams" else "chunkserver"]
             assert ours["ratio"] is None
-            peers = [figure for name, figure in figures.items() if name not in {"chunkserver", *COUNTS}]
+            peers = [figure for name, figure in figures.items() if name not in {ours["name"], *COUNTS}]
             assert peers
             for peer in peers:
                 pairs = zip(peer["rounds"], ours["rounds"], strict=True)
@@ -86,6 +89,20 @@ def test_stages_and_peers_for_every_scene(run):
     assert all("vtkFlyingEdges3D" in line for line in extraction.values())
     with_skimage = {scene for scene, line in extraction.items() if "skimage lewiner" in line}
     assert with_skimage == set(SCENES) - {"empty air"}
+
+
+def test_borders_are_measured_on_the_same_chunks(run):
+    seams = lines_of(run, "seams")
+    for scene in PLACES:
+        whole_chunk = seams[f"{scene.name}: whole chunk"]
+        counts = [whole_chunk[f"triangles, {seam}"]["median"] for seam in SEAMS]
+        assert counts == sorted(counts)
+        assert counts[0] < counts[2]
+    for flight in FLIGHTS:
+        plain, masked = cut_requests(flight, 8)
+        assert plain == [replace(each, coarser=0) for each in masked]
+        assert any(each.coarser for each in masked)
+        assert max(each.coarser.bit_count() for each in masked) <= 3
 
 
 def test_scenes_are_what_they_say():
@@ -148,6 +165,8 @@ def test_a_target_is_reached_from_its_figure_on():
     assert at_most.reached(lines) == pytest.approx((1 / 3 + 1 / 2) / 2)
     assert [at_least.verdict(times) for times in (1.9, 2, 3)] == ["", "must", "aim"]
     assert [at_most.verdict(times) for times in (0.6, 0.5, 0.4)] == ["", "must", "aim"]
+    ours = Target("job", "here", "peer", 2.5, 2, at_most=True, ours=True)
+    assert (ours.reached(lines), ours.verdict(2.5), ours.verdict(2.6)) == (2.5, "must", "")
     assert Target("job", "there", "peer", 2, 3).reached(lines) is None
     assert met({"another": lines}) == []
 
