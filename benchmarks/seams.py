@@ -94,12 +94,12 @@ def _triangles(seams: Requests) -> list[Figure]:
 
 def cut_requests(flight: Flight, count: int) -> tuple[list[ChunkRequest], list[ChunkRequest]]:
     """Return so many different chunks, in an order without pattern, that a viewer asks for: plain, and with masks."""
-    found: dict[tuple[ChunkKey, int], None] = {}
+    found: dict[ChunkKey, int] = {}
     for step in range(STEPS):
         leaves = set(cut(flight.place(step)))
-        found |= dict.fromkeys((key, mask_in(leaves, key)) for key in sorted(leaves))
+        found |= {key: mask_in(leaves, key) for key in sorted(leaves)}
     recipe = WorldRecipe(SEED, builtin(flight.recipe))
-    chosen = random.Random(SEED).sample(list(found), count)
+    chosen = random.Random(SEED).sample(list(found.items()), count)
     masked = [ChunkRequest(recipe, key, coarser=mask) for key, mask in chosen]
     return [replace(each, coarser=0) for each in masked], masked
 

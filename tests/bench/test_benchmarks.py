@@ -101,6 +101,7 @@ def test_borders_are_measured_on_the_same_chunks(run):
     for flight in FLIGHTS:
         plain, masked = cut_requests(flight, 8)
         assert plain == [replace(each, coarser=0) for each in masked]
+        assert len({each.key for each in plain}) == 8
         assert any(each.coarser for each in masked)
         assert max(each.coarser.bit_count() for each in masked) <= 3
 
