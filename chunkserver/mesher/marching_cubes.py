@@ -67,8 +67,8 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     _fill_vertices(flat, shape.samples, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
     _fill_triangles(rows, edges.reshape(-1), firsts.reshape(-1), indices)
     if samples.coarser:
-        room = indices[triangles:]
-        triangles += fill_seams(samples, seams, edges, firsts, positions, as_int8, as_float32, room)
+        regular, more = indices[:triangles], indices[triangles:]
+        triangles += fill_seams(samples, seams, edges, firsts, positions, as_int8, as_float32, regular, more)
     return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices[:triangles])
 
 

@@ -29,6 +29,16 @@ def gradient(density: NDArray[np.float32], at: int, row: int, plane: int) -> tup
 
 
 @inlined
+def edge_gradient(
+    density: NDArray[np.float32], low: int, high: int, row: int, plane: int, t: float
+) -> tuple[float, float, float]:
+    """Return twice the gradient per cell at `t` along the edge from the flat index `low` to `high`. Others as above."""
+    ax, ay, az = gradient(density, low, row, plane)
+    bx, by, bz = gradient(density, high, row, plane)
+    return ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
+
+
+@inlined
 def edge_normal(
     density: NDArray[np.float32], low: int, high: int, row: int, plane: int, t: float
 ) -> tuple[float, float, float]:
@@ -36,9 +46,7 @@ def edge_normal(
 
     Where the interpolated gradient is zero, it is the edge's direction towards its air corner.
     """
-    ax, ay, az = gradient(density, low, row, plane)
-    bx, by, bz = gradient(density, high, row, plane)
-    nx, ny, nz = ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
+    nx, ny, nz = edge_gradient(density, low, high, row, plane, t)
     square = nx * nx + ny * ny + nz * nz
     if square == 0.0:
         towards_air = 1.0 if density[high] > density[low] else -1.0

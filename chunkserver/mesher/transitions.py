@@ -31,7 +31,7 @@ from chunkserver.mesher.cell import TRANSITION
 from chunkserver.mesher.crossing import crossing, is_rock
 from chunkserver.mesher.faces import Face, Walk, corner_at, face_at, masked_faces
 from chunkserver.mesher.normals import edge_normal, store_normal, twin_normal
-from chunkserver.mesher.room import make_room, move
+from chunkserver.mesher.room import make_room, room
 from chunkserver.mesher.triangles import has_three_places
 from chunkserver.samples import Samples, coarse_box
 
@@ -108,15 +108,16 @@ def fill_seams(
     positions: _Places,
     as_int8: NDArray[np.int8],
     as_float32: NDArray[np.float32],
+    regular: NDArray[np.uint32],
     triangles: NDArray[np.uint32],
 ) -> int:
     """Make room in the regular mesh, and write what was counted. Return how many triangles that are.
 
-    edges, firsts: of the regular mesh, see `marching_cubes`. positions: (V, 4), its vertices first.
-    triangles: out, room for `seams.triangles`; those with two equal corners are left out.
+    edges, firsts: of the regular mesh, see `marching_cubes`. positions: (V, 4), its vertices first. regular: its
+    triangles. triangles: out, room for `seams.triangles`; those with two equal corners are left out.
     """
     shape, mask = samples.shape, samples.coarser
-    make_room(positions[: len(positions) - len(seams.vertices)], mask, shape.units_per_cell)
+    make_room(samples, positions[: len(positions) - len(seams.vertices)], regular)
     _, planes, width = coarse_box(shape.cells, mask).shape
     _fill_vertices(
         seams.faces,
@@ -279,12 +280,11 @@ def _put(face: Face, i: int, j: int, units: int, positions: _Places, vertex: int
 
 @inlined
 def _put_between(mask: int, units: int, positions: _Places, vertex: int) -> None:
-    """Replace the position of a coarse corner by the middle between it and its fine twin, which makes room."""
-    x, y, z = np.int64(positions[vertex, 0]), np.int64(positions[vertex, 1]), np.int64(positions[vertex, 2])
-    move(positions, vertex, mask, units)
-    positions[vertex, 0] = (x + np.int64(positions[vertex, 0])) >> 1
-    positions[vertex, 1] = (y + np.int64(positions[vertex, 1])) >> 1
-    positions[vertex, 2] = (z + np.int64(positions[vertex, 2])) >> 1
+    """Move a coarse corner half the way to its fine twin, which makes room."""
+    x, y, z = room(positions, vertex, mask, units)
+    positions[vertex, 0] += np.int64(0.5 * x)
+    positions[vertex, 1] += np.int64(0.5 * y)
+    positions[vertex, 2] += np.int64(0.5 * z)
 
 
 @kernel

@@ -130,9 +130,18 @@ def test_all_masks_among_neighbours_of_both_levels(rng):
         assert_closed(weld((ChunkKey(0, *place), mesh(place, is_coarse, own)) for place, is_coarse, own in found))
 
 
+def on_faces(mesh):
+    places = mesh.positions[:, :3].astype(np.int64) - POSITION_LOW
+    rows = (places % CHUNK_UNITS == 0).any(axis=1)
+    return Mesh(mesh.content, mesh.positions[rows], mesh.normals[rows], mesh.triangles[:0])
+
+
 def clashes(chunks):
-    """Return (where, in units of the finest level) vertices in one place have two normals, and how many are shared."""
-    pairs = [(key, mesh) for key, mesh in chunks if not mesh.is_empty]
+    """Return (where, in units of the finest level) vertices in one place have two normals, and how many are shared.
+
+    Of those on faces of chunks: what has made room is in no other chunk, and two of those may meet.
+    """
+    pairs = [(key, on_faces(mesh)) for key, mesh in chunks if not mesh.is_empty]
     places = np.concatenate(
         [
             (mesh.positions[:, :3].astype(np.int64) - POSITION_LOW + np.array(key[1:]) * CHUNK_UNITS) << key.lod
