@@ -1,11 +1,11 @@
 r"""The border to a coarser chunk, closed in the finer one: its outer layer of cells makes room for transition cells.
 
-    coarser chunk |    this chunk, d < 1 cell is squeezed to a quarter .. 1
+    coarser chunk |    this chunk: d < 1 cell becomes a quarter .. 1
                   |
         o---------+--+-o---o-     +  coarse corners, sampled from the next level's field, as the coarser chunk does
         |         |\ | |   |      o  corners of this chunk's cells
         |         | \o-o---o-
-        |         |  | |   |      between the border and the squeezed layer: a transition cell for each face of a
+        |         |  | |   |      between the border and what made room: a transition cell for each face of a
         |         | /o-o---o-     coarse cell, 13 signs, `TRANSITION` in cell.py. Its fine side has the vertices of the
         |         |/ | |   |      regular mesh, its coarse side those that the coarser chunk has there.
         o---------+--+-o---o-
