@@ -27,6 +27,7 @@ SAYS = (
     r"surface \(\d+, 3\) \(\d+, 3\)\nChunkKey\(lod=0, x=(0|-1), y=6, z=0\) \d+\n(ChunkKey\(.*\) \d+\n){15}",
     r"\[\d+(, \d+){7}\]\n(ChunkKey\(lod=1, .*\) (air|rock|surface)\n){4}",
     r"bowl [0-9a-f]{32} \['bowl'\]\nworld-exists .* \{'id': 'bowl'\}\n422 radius\n",
+    r"\d+ fetched, \d\d+ to draw\n" * 3,
     r"\[1125899\d{9}\s+-?\d+\s+\d+\] \[[- .\de]+\]\n",
 )
 

@@ -21,9 +21,12 @@ from chunkserver_client.errors import (
     Unavailable,
     Unreachable,
 )
+from chunkserver_client.layers import FittedChunk
+from chunkserver_client.levels import LevelOfDetail, Selection
 from chunkserver_client.mesh import ChunkKey, ChunkMesh
 from chunkserver_client.questions import ChunkOptions
 from chunkserver_client.retry import Retry
+from chunkserver_client.swaps import Swap, swaps
 from chunkserver_client.version import __version__
 
 __all__ = [
@@ -41,7 +44,9 @@ __all__ = [
     "ClientError",
     "Conflict",
     "Descriptor",
+    "FittedChunk",
     "Gone",
+    "LevelOfDetail",
     "ListedWorld",
     "NotAllowed",
     "NotFound",
@@ -49,9 +54,12 @@ __all__ = [
     "Recipe",
     "Retry",
     "SeedDescriptor",
+    "Selection",
+    "Swap",
     "Unavailable",
     "Unreachable",
     "WorldDescriptor",
     "__version__",
     "decode",
+    "swaps",
 ]

@@ -106,6 +106,8 @@ class Calls:
         self, world: AnyWorld, keys: Iterable[Key | MaskedKey], viewer: Sequence[float] | None, options: ChunkOptions
     ) -> Steps[None]:
         asked = list(dict.fromkeys(fitted(key, options) for key in keys))
+        if viewer is not None and len(asked) > CHUNKS_MAX:
+            asked.sort(key=lambda chunk: (world.place(chunk.key).squared_distance(viewer), -chunk.key.lod))
         for start in range(0, len(asked), CHUNKS_MAX):
             part = asked[start : start + CHUNKS_MAX]
             yield from Batch(self.exchange, world, part, options, viewer, self.coding).steps()

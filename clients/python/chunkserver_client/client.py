@@ -160,7 +160,7 @@ class Client:
 
         keys: (lod, x, y, z) each, or (lod, x, y, z, coarser) for one with a mask of its own; without it, that of the
             options counts. One that comes twice is yielded once. Up to 1,024 are one request, more are several.
-        viewer: (x, y, z) in voxels: nearer chunks come first.
+        viewer: (x, y, z) in voxels: nearer chunks come first, over all requests.
 
         What a stream that breaks off has left out is asked for again, for as long as `Retry` allows without any gain. A
         chunk that fails for a reason of its own does not stop the others: that error is raised at the end.

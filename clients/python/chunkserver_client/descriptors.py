@@ -86,6 +86,7 @@ class Descriptor:
     lods: levels of detail, 0 (finest) to lods - 1.
     low, high: the world's extent in voxels, both ends included.
     formats, meshers, seams, coarser: what is built.
+    geometric_errors: by LOD, how far its surface may be off, in voxels; None if the server does not say.
     """
 
     seed: int
@@ -100,6 +101,7 @@ class Descriptor:
     meshers: tuple[str, ...]
     seams: tuple[str, ...]
     coarser: tuple[int, ...]
+    geometric_errors: tuple[float, ...] | None = None
 
     def place(self, key: ChunkKey) -> Place:
         """Return where a chunk of this world is."""
@@ -222,20 +224,31 @@ def _shared(json: Json) -> dict[str, Any]:
     lattice["low"].integer(POSITION_LOW, POSITION_LOW)
     lattice["high"].integer(POSITION_LOW + UNITS_PER_SIDE, POSITION_LOW + UNITS_PER_SIDE)
     cells = json["chunk_cells"].integer(min(CELLS_BUILT), max(CELLS_BUILT))
+    lods = json["lods"].integer(1, LOD_MAX + 1)
     return {
         "seed": json["seed"].decimal(-SEED_MAX - 1, SEED_MAX),
         "recipe": Recipe.read(json["recipe"]),
         "generator": json["generator"].text(),
         "voxel_size": json["voxel_size"].number(),
         "chunk_cells": cells,
-        "lods": json["lods"].integer(1, LOD_MAX + 1),
+        "lods": lods,
         "low": _point(json["bounds"]["min"]),
         "high": _point(json["bounds"]["max"]),
         "formats": tuple(FormatOf.read(row) for row in json["formats"]),
         "meshers": texts(json["meshers"]),
         "seams": texts(json["seams"]),
         "coarser": tuple(mask.integer(0, COARSER_MAX) for mask in json["coarser"]),
+        "geometric_errors": _errors(json.get("geometric_errors"), lods),
     }
+
+
+def _errors(json: Json | None, lods: int) -> tuple[float, ...] | None:
+    if json is None:
+        return None
+    errors = tuple(error.number() for error in json)
+    if len(errors) != lods or min(errors) < 0:
+        json.refuse(f"{lods} numbers, none of them negative")
+    return errors
 
 
 def _point(json: Json) -> Triple:

@@ -6,6 +6,7 @@ came in.
 """
 
 import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
@@ -70,6 +71,11 @@ class Place(NamedTuple):
     def corner(self) -> Triple:
         """Voxels from the world's origin to the low corner."""
         return (self.key.x * self.side, self.key.y * self.side, self.key.z * self.side)
+
+    def squared_distance(self, viewer: Sequence[float]) -> float:
+        """Return the square of the distance from a point to the nearest of the chunk, in voxels."""
+        gaps = (max(low - at, at - low - self.side, 0.0) for low, at in zip(self.corner, viewer, strict=True))
+        return sum(gap * gap for gap in gaps)
 
     def check(self) -> "Place":
         """Return this. Raises `BadChunk`, which names the value, if there can be no such chunk."""
