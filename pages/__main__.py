@@ -17,6 +17,7 @@ GENERATORS: Final[dict[str, Generator]] = {
     "nodes": nodes.write_nodes,
     "levels": tables.write_levels,
     **{f"picture-{view.name}": partial(pictures.write, view) for view in VIEWS},
+    "skirts": meshes.write_skirts,
     "meshes": meshes.write_page,
     **{f"mesh-{picture.name}": partial(meshes.write_picture, picture) for picture in meshes.PICTURES},
 }

@@ -11,7 +11,7 @@ from chunkserver.recipe import WorldRecipe, canonical
 from chunkserver_client import ChunkMesh
 from pages.grounds import Ground
 from pages.light import Light, film
-from pages.meshes.chunks import served
+from pages.meshes.chunks import Seam, served
 from pages.meshes.raster import Plane, Stage
 from pages.meshes.shading import lit
 from pages.meshes.surface import Surface, facets, joined
@@ -67,6 +67,7 @@ class View(NamedTuple):
     flat: triangles have their own normals instead of those of the mesh.
     lines: edges of triangles; edges in the faces of chunks; edges that are open in the welded whole.
     focus: a chunk: it alone has edges of triangles, and a colour of its own with the tint "chunks".
+    seam: how borders between levels are closed.
     """
 
     recipe: str | dict[str, object]
@@ -77,6 +78,7 @@ class View(NamedTuple):
     flat: bool = False
     lines: tuple[Lines, ...] = ()
     focus: ChunkKey | None = None
+    seam: Seam = "transitions"
     seed: int = 42
 
 
@@ -87,7 +89,7 @@ def draw(view: View, meshes: Sequence[ChunkMesh] | None = None) -> Image:
     Raises `ValueError` if there is no surface to draw, and `RuntimeError` if the system has no OpenGL.
     """
     if meshes is None:
-        meshes = served(WorldRecipe(view.seed, canonical(view.recipe)), view.keys)
+        meshes = served(WorldRecipe(view.seed, canonical(view.recipe)), view.keys, view.seam)
     surface = joined(meshes)
     colours = _tinted(view, surface, meshes)
     index, normals = facets(surface) if view.flat else (np.arange(len(surface.points)), surface.normals)

@@ -123,9 +123,12 @@ class Stage:
         strength = self._read("SetInputBufferTypeToRGB", self._both, self._lines[name])[..., 0]
         return np.asarray(strength, np.float32) / np.float32(255)
 
-    def distance_seen(self) -> Plane:
-        """Return how far ahead the triangles are, (H, W), voxels along the view; infinite where there are none."""
-        depth = self._read("SetInputBufferTypeToZBuffer", self._both)[..., 0]
+    def distance_seen(self, fronts_only: bool = False) -> Plane:
+        """Return how far ahead the triangles are, (H, W), voxels along the view; infinite where there are none.
+
+        fronts_only: those seen from the rock are not there.
+        """
+        depth = self._read("SetInputBufferTypeToZBuffer", self._fronts if fronts_only else self._both)[..., 0]
         near, far = self._range
         parallel = self._plotter.camera.GetParallelProjection()
         ahead = near + depth * (far - near) if parallel else near * far / (far - depth * (far - near))

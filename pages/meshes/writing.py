@@ -69,7 +69,7 @@ def write_page(docs: Path) -> Path:
 
 def _labelled(panel: Panel) -> NDArray[np.uint8]:
     view = panel.view
-    meshes = served(WorldRecipe(view.seed, canonical(view.recipe)), view.keys)
+    meshes = served(WorldRecipe(view.seed, canonical(view.recipe)), view.keys, view.seam)
     triangles = sum(len(mesh.triangles) for mesh in meshes)
     image = Image.fromarray(draw(view, meshes))
     ImageDraw.Draw(image).text(

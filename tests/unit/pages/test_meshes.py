@@ -120,11 +120,18 @@ def test_open_edges_are_red_around_the_chunks_and_not_between_them():
 
 def test_levels_that_do_not_fit_are_open_where_they_meet():
     hills: Recipe = {"builtin": "hills", "relief": 20}
-    keys = box(0, (0, -1, 0), (1, 1, 1)) + box(1, (1, -1, 0), (2, 1, 1))
-    camera = ABOVE._replace(eye=(48.0, 150.0, 20.0), target=(48.0, 0.0, 20.0))
-    apart = box(0, (0, -1, 0), (1, 1, 1)) + box(0, (1, -1, 0), (2, 1, 1))
-    assert red(picture(View(hills, apart, ABOVE, "lods", lines=("rims",))))[24:36, 40:56].sum() == 0
-    assert red(picture(View(hills, keys, camera, "lods", lines=("rims",)))).sum() > 30
+    keys = box(0, (0, -1, 0), (2, 1, 2)) + box(1, (1, -1, 0), (2, 1, 1))
+    camera = ABOVE._replace(eye=(64.0, 150.0, 32.0), target=(64.0, 0.0, 32.0))
+    assert (
+        red(picture(View(hills, box(0, (0, -1, 0), (2, 1, 1)), ABOVE, "lods", lines=("rims",))))[24:36, 40:56].sum()
+        == 0
+    )
+    open_edges, skirts, closed = (
+        red(picture(View(hills, keys, camera, "lods", lines=("rims",), seam=seam)))[22:38, 46:50].any(axis=1).mean()
+        for seam in ("none", "skirts", "transitions")
+    )
+    assert (open_edges, closed) == (1, 0)
+    assert skirts > 0
 
 
 def test_borders_are_drawn_where_chunks_meet():
