@@ -5,13 +5,14 @@ from typing import Final, NamedTuple
 from chunkserver.grid import ChunkKey
 from pages.grounds import GRASS, RUST, Ground
 from pages.light import Light
-from pages.meshes.chunks import box, rings
+from pages.meshes.chunks import Seam, around, box, rings
 from pages.meshes.drawing import View
 from pages.scenes import Camera, Point
 
 HALF: Final = (640, 400)
 THIRD: Final = (426, 400)
 WIDE: Final = (1280, 640)
+LOW: Final = (1280, 360)
 
 
 class Panel(NamedTuple):
@@ -55,6 +56,22 @@ _LEVEL: Final = View(
     _MORNING,
     lines=("triangles",),
 )
+_RIMS: Final = View(
+    "terrain",
+    rings((0, 1, 2), 2, -32, 32),
+    _camera((60, 75, 165), (0, -10, 10), LOW, 58),
+    "lods",
+    _MORNING,
+    lines=("triangles", "rims"),
+)
+_BORDER: Final = View(
+    "hills",
+    box(1, (-2, -1, 1), (0, 1, 2)) + box(2, (-1, -1, 1), (0, 1, 2)),
+    _camera((-80, 8, 92), (-84, -11, 128), THIRD, 34),
+    _CLAY,
+    Light(azimuth=-60, elevation=35),
+)
+_SEAMS: Final[tuple[Seam, ...]] = ("none", "skirts", "transitions")
 _NEAR: Final = View(
     "terrain", box(0, (-1, -1, -1), (2, 1, 2)), _camera((40, 34, 56), (12, 0, 10), THIRD, 22), _CLAY, _MORNING
 )
@@ -112,23 +129,27 @@ PICTURES: Final = (
         columns=2,
     ),
     Picture(
-        "rims",
+        "seams",
         "Where levels meet",
-        "Levels side by side, welded by exact equality. Red are the edges that stay open: between chunks of one level "
-        "there are none, between levels there are, and around all that is drawn. Nothing closes the gaps yet.",
-        (
-            Panel(
-                "terrain · LOD 0 to 2",
-                View(
-                    "terrain",
-                    rings((0, 1, 2), 2, -32, 32),
-                    _camera((80, 90, 150), (0, -10, 20), WIDE, 50),
-                    "lods",
-                    _MORNING,
-                    lines=("triangles", "rims"),
-                ),
-            ),
+        "A border between LOD 1, in front, and LOD 2, shaded and as wireframe. Left nothing closes it (`seam=none`): "
+        "the levels have fields of their own, and the backdrop shows where these disagree. In the middle skirts: the "
+        "border of each chunk is drawn out into the rock, and covers the gap; [skirts.md](skirts.md) counts what they "
+        "leave. Right transitions: the last row of cells of the finer chunk leads over to the coarser one, and nothing "
+        "is open.",
+        tuple(
+            Panel(f"{seam} · hills", view._replace(seam=seam))
+            for view in (_BORDER, _BORDER._replace(tint="lods", lines=("triangles",)))
+            for seam in _SEAMS
         ),
+        columns=3,
+    ),
+    Picture(
+        "rims",
+        "Open edges",
+        "Levels side by side, welded by exact equality. Red are the edges that stay open. Above `seam=none`: between "
+        "chunks of one level there are none, between levels there are. Below transitions: none is left but around all "
+        "that is drawn.",
+        tuple(Panel(f"{seam} · terrain · LOD 0 to 2", _RIMS._replace(seam=seam)) for seam in ("none", "transitions")),
     ),
     Picture(
         "normals",
@@ -175,6 +196,26 @@ PICTURES: Final = (
                     RUST._replace(radius=200.0),
                     Light(azimuth=30, elevation=25),
                     lines=("borders",),
+                ),
+            ),
+        ),
+    ),
+    Picture(
+        "planet-levels",
+        "A planet at four levels",
+        "A planet of radius 800. The chunks near one place are fine, and the farther they are the coarser: LOD 1 is "
+        "green, 2 blue, 3 violet, 4 red. Caves are seen at LOD 1, relief at all. All chunks that touch differ by one "
+        "level at most, each is asked for with the mask of its coarser neighbours, and the whole is closed.",
+        (
+            Panel(
+                "planet · LOD 1 to 4 · {chunks} chunks · {triangles} triangles",
+                View(
+                    {"builtin": "planet", "radius": 800},
+                    around((-250, 500, 560), (1, 2, 3, 4), 2),
+                    _camera((500, 1500, 2300), (0, 0, 0), WIDE, 68),
+                    "lods",
+                    Light(azimuth=120, elevation=35),
+                    lines=("triangles", "borders"),
                 ),
             ),
         ),
