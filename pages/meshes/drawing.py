@@ -137,7 +137,8 @@ def _light_on(stage: Stage, seen: Seen, view: View, centre: Vectors, radius: flo
     points = towards * seen.distance[there][:, None] + (camera.eye - centre).astype(np.float32)
     upwards = np.asarray(camera.up) / np.linalg.norm(camera.up)
     light = np.zeros(seen.normals.shape, np.float32)
-    light[there] = lit(stage, points, seen.normals[there], view.light, upwards, radius)
+    to_eye = -towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    light[there] = lit(stage, points, seen.normals[there], to_eye, view.light, upwards, radius)
     return light
 
 

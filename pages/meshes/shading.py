@@ -61,14 +61,15 @@ def lamps(light: Light, up: Vectors) -> Iterator[Lamp]:
         yield Lamp(flat * level + height * above, colour * share)
 
 
-def lit(stage: Stage, points: Plane, normals: Plane, light: Light, up: Vectors, radius: float) -> Plane:
+def lit(stage: Stage, points: Plane, normals: Plane, to_eye: Plane, light: Light, up: Vectors, radius: float) -> Plane:
     """Return the light on the points, (M, 3) linear.
 
     points: (M, 3) voxels from the stage's centre. normals: (M, 3), unit, to the side that is seen. up: (3,) unit.
+    to_eye: (M, 3), unit: where a face stands steeper than its normals say, that is the way off the ground.
     radius: voxels, of the ball around the centre that holds all that throws shadows.
     """
     texel = 2 * radius / stage.height
-    lifted = np.ascontiguousarray((points + np.float32(TEXELS_AWAY * texel) * normals).T)
+    lifted = np.ascontiguousarray((points + np.float32(TEXELS_AWAY * texel) * (normals + to_eye)).T)
     upright = np.ascontiguousarray(normals.T)
     total = np.repeat(np.array(EVERYWHERE, np.float32)[:, None], len(points), axis=1)
     grain = np.random.default_rng(0).random((2, len(points)), np.float32) - np.float32(0.5)
