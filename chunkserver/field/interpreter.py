@@ -56,21 +56,24 @@ def run(
     words: _Words,
     density: _Floats,
 ) -> None:
-    """Evaluate a tape over a box of points.
+    """Evaluate a tape over a box of points, or over one slab of any points.
 
     columns: how many leading instructions do not depend on y. result: the value register that holds the density.
-    low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points. rows: points along z.
+    low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points. rows: points along z; 0 if
+        the points are those whose coordinates are in the first three places already: there is one plane of them then.
     places: (coordinate registers, slab) and values: (value registers, slab) scratch; `slab` is how many points are done
         at a time. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
     density: (planes, rows * points along x) out, a horizontal plane each, y upwards, z slow and x fast.
     """
     limit = max(DENSITY_MAX, CELLS_MAX * np.float32(step))
-    width = density.shape[1] // rows
+    width = density.shape[1] // max(rows, 1)
     for start in range(0, density.shape[1], places.shape[1]):
         n = min(places.shape[1], density.shape[1] - start)
-        _columns(start, width, low, step, places[0, :n], places[2, :n])
+        if rows:
+            _columns(start, width, low, step, places[0, :n], places[2, :n])
         for plane in range(density.shape[0]):
-            places[1, :n] = low[1] + step * plane
+            if rows:
+                places[1, :n] = low[1] + step * plane
             for at in range(0 if plane == 0 else columns, code.shape[0]):
                 _execute(code[at], numbers, keys[at], n, places, values, fractions, words)
             _clamp(values[result, :n], limit, density[plane, start : start + n])

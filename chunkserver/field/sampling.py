@@ -9,6 +9,7 @@ from chunkserver.field.flatten import flatten
 from chunkserver.field.interpreter import SLAB_POINTS, run
 from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.tape import INPUTS
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
 from chunkserver.samples import Samples, coarse_box
@@ -58,6 +59,37 @@ def _sample(
         density,
     )
     return density.reshape(shape)
+
+
+def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return a level's densities at points anywhere in the world.
+
+    points: (n, 3) float64, x y z, voxels.
+
+    Returns (n,) float32, voxels, negative = rock, else air: at a lattice point to the bit what `sample` gives. Raises
+    `BadRecipe` as `sample` does.
+    """
+    tape = flatten(recipe, lod).tape
+    density = np.empty(len(points), np.float32)
+    places, values = np.empty((tape.places, SLAB_POINTS)), np.empty((tape.values, SLAB_POINTS), np.float32)
+    for start in range(0, len(points), SLAB_POINTS):
+        slab = points[start : start + SLAB_POINTS]
+        places[:INPUTS, : len(slab)] = slab.T
+        run(
+            tape.code,
+            tape.numbers,
+            tape.keys,
+            tape.columns,
+            tape.result,
+            np.zeros(3),
+            float(1 << lod),
+            0,
+            places,
+            values,
+            *scratch(),
+            density[None, start : start + SLAB_POINTS],
+        )
+    return density
 
 
 def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Literal["air", "rock"] | None:

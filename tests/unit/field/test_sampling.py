@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from chunkserver.errors import BadKey, BadParameter
-from chunkserver.field import sample
+from chunkserver.field import densities, sample
+from chunkserver.field.interpreter import SLAB_POINTS
 from chunkserver.field.noise.names import noise_name
 from chunkserver.grid import ChunkKey, ChunkShape
 from chunkserver.recipe import WorldRecipe, builtin
@@ -96,3 +97,17 @@ def test_bad_keys_and_shapes_are_refused():
         sample(recipe, KEY, ChunkShape(17))
     with pytest.raises(BadParameter):
         sample(recipe, KEY, ChunkShape(16, 0))
+
+
+@pytest.mark.parametrize("name", ["terrain", "planet", "city"])
+@pytest.mark.parametrize("lod", [0, 3])
+def test_densities_at_lattice_points_are_the_samples(name, lod):
+    recipe, key = WorldRecipe(7, builtin(name)), ChunkKey(lod, -1, 0, 2)
+    samples = sample(recipe, key, ChunkShape(16)).density
+    y, z, x = np.indices(samples.shape).reshape(3, -1) - 1
+    points = np.array(key.low_corner(16)) + key.step * np.stack((x, y, z), axis=1)
+    assert len(points) > 4 * SLAB_POINTS
+    order = np.random.default_rng(1).permutation(len(points))
+    found = densities(recipe, lod, points[order].astype(np.float64))
+    assert np.array_equal(found, samples.reshape(-1)[order])
+    assert densities(recipe, lod, np.empty((0, 3))).shape == (0,)
