@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from chunkserver.errors import BadParameter
 from chunkserver.field import prove, sample
+from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.mesh import EMPTY, Content, Mesh
@@ -105,7 +106,7 @@ def build_chunk(request: ChunkRequest, stage: Callable[[str], object] = lambda _
     """
     mesh = build_mesh(request, stage)
     stage("encode")
-    return Chunk(mesh.content, encode(mesh, _placement(request), request.encoding))
+    return Chunk(mesh.content, encode(mesh, _placed(request), request.encoding))
 
 
 def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Mesh:
@@ -125,3 +126,9 @@ def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], ob
 
 def _placement(request: ChunkRequest) -> Placement:
     return Placement(request.key, request.cells, request.voxel_size, request.revision, request.coarser)
+
+
+def _placed(request: ChunkRequest) -> Placement:
+    """Return the placement with the error that chunks of this recipe and level have: the first time that takes ms."""
+    error = geometric_error(request.recipe, request.key.lod)
+    return _placement(request)._replace(geometric_error=error * request.voxel_size)

@@ -13,6 +13,9 @@ VOXEL_SIZE_MAX: Final = 2.0**20
 REVISION_MAX: Final = (1 << 63) - 1
 """Fits the native header's u64, and the signed 64 bits that most clients and stores have."""
 COARSER_MAX: Final = 63
+GEOMETRIC_ERROR_NOT_STATED: Final = -1.0
+GEOMETRIC_ERROR_MAX: Final = 2.0**60
+"""Metres: as wide as a world of the largest voxels."""
 
 
 class Encoding(NamedTuple):
@@ -41,6 +44,7 @@ class Placement(NamedTuple):
     voxel_size: metres.
     revision: the chunk's own last edit, 0 for a pristine chunk.
     coarser: mask of the faces whose neighbour is one LOD coarser.
+    geometric_error: metres by which the surface may be off; GEOMETRIC_ERROR_NOT_STATED, or 0 and more.
     """
 
     key: ChunkKey
@@ -48,6 +52,7 @@ class Placement(NamedTuple):
     voxel_size: float
     revision: int = 0
     coarser: int = 0
+    geometric_error: float = GEOMETRIC_ERROR_NOT_STATED
 
     @property
     def unit(self) -> float:
@@ -62,7 +67,7 @@ class Placement(NamedTuple):
 
 def check_placement(placement: Placement) -> None:
     """Raise `BadKey` or `BadParameter` that names the value, unless every format can hold `placement`."""
-    key, cells, voxel_size, revision, coarser = placement
+    key, cells, voxel_size, revision, coarser, error = placement
     check_shape(ChunkShape(cells))
     check_key(key, cells, coarser=coarser)
     if not VOXEL_SIZE_MIN <= voxel_size <= VOXEL_SIZE_MAX:
@@ -72,3 +77,6 @@ def check_placement(placement: Placement) -> None:
         raise BadParameter(f"revision is {revision}; it lies in [0, {REVISION_MAX}]", revision=revision)
     if not 0 <= coarser <= COARSER_MAX:
         raise BadParameter(f"coarser is {coarser}; it lies in [0, {COARSER_MAX}]", coarser=coarser)
+    if not (error == GEOMETRIC_ERROR_NOT_STATED or 0 <= error <= GEOMETRIC_ERROR_MAX):
+        limits = f"[0, {GEOMETRIC_ERROR_MAX:g}] metres, or is {GEOMETRIC_ERROR_NOT_STATED} if not stated"
+        raise BadParameter(f"geometric_error is {error}; it lies in {limits}", geometric_error=error)

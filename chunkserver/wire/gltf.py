@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from chunkserver.mesh import Mesh
 from chunkserver.wire.buffers import bounds, component_type, narrow_indices
-from chunkserver.wire.encoding import Encoding, Placement
+from chunkserver.wire.encoding import GEOMETRIC_ERROR_NOT_STATED, Encoding, Placement
 
 CONTAINER: Final = struct.Struct("<4s2I")
 CHUNK: Final = struct.Struct("<I4s")
@@ -52,7 +52,7 @@ def scene_of(mesh: Mesh, placement: Placement, frame: str, buffers: list[NDArray
 
 def _node(mesh: Mesh, placement: Placement, frame: str) -> dict[str, Any]:
     """translation + scale * position is the world position, or with frame "chunk" the offset from the low corner."""
-    key, cells, _, revision, coarser = placement
+    key, cells, _, revision, coarser, error = placement
     voxel_size = float(placement.voxel_size)  # 1 and 1.0 are equal requests: they get equal JSON
     corner = key.low_corner(cells) if frame == "world" else (0, 0, 0)
     return {
@@ -68,6 +68,7 @@ def _node(mesh: Mesh, placement: Placement, frame: str) -> dict[str, Any]:
             "revision": str(revision),
             "coarser": coarser,
             "content": mesh.content,
+            **({} if error == GEOMETRIC_ERROR_NOT_STATED else {"geometric_error": float(error)}),
         },
     }
 

@@ -20,7 +20,6 @@ VERSION: Final = 1
 ALIGNMENT: Final = 16
 PROFILE_CODES: Final = {"std": 0, "f32": 1}
 CONTENT_CODES: Final[dict[Content, int]] = {"air": 0, "rock": 1, "surface": 2}
-GEOMETRIC_ERROR_NOT_STATED: Final = -1.0
 
 POSITIONS, NORMALS, INDICES = 1, 2, 3
 
@@ -69,7 +68,7 @@ def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[B
         placement.voxel_size,
         len(mesh.positions),
         3 * len(mesh.triangles),
-        GEOMETRIC_ERROR_NOT_STATED,
+        placement.geometric_error,
         placement.cells,
         placement.key.lod,
         PROFILE_CODES[encoding.profile],

@@ -12,7 +12,7 @@ def test_header_of_each_example(name: str):
     mesh, says = decode(hexdump(NATIVE, name)), stated(NATIVE, name)
     assert mesh.key == (says["lod"], says["x"], says["y"], says["z"])
     assert (mesh.cells, mesh.voxel_size, mesh.revision) == (says["cells"], says["voxel_size"], says["revision"])
-    assert (mesh.coarser, mesh.geometric_error) == (says["coarser"], None)
+    assert (mesh.coarser, mesh.geometric_error) == (says["coarser"], says["geometric_error"])
     assert mesh.content == ("air", "rock", "surface")[says["content"]]
     assert mesh.profile == ("std", "f32")[says["profile"]]
     assert (list(mesh.low), list(mesh.high)) == (says["low"], says["high"])

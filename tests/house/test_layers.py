@@ -14,6 +14,7 @@ LINES = (
     ("grid",),
     ("recipe", "mesh", "samples"),
     ("field", "edits", "mesher", "wire", "catalogue"),
+    ("geometric_error",),
     ("pipeline",),
     ("worker",),
     ("server",),

@@ -18,6 +18,7 @@ from chunkserver.field.interpreter import run
 from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.noise.lattice import scratch
 from chunkserver.field.tape import Tape
+from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import LATTICE_MAX, ChunkKey, ChunkShape
 from chunkserver.mesher import extract
 from chunkserver.pipeline import ChunkRequest, build_chunk
@@ -232,7 +233,8 @@ def test_a_proven_chunk_has_the_bytes_of_a_sampled_one(name):
         mesh = extract(sample(recipe, request.key, SHAPE))
         chunk = build_chunk(request)
         assert chunk.content == mesh.content
-        assert chunk.body == encode(mesh, Placement(request.key, 16, 1.0, 0, 0), request.encoding)
+        placement = Placement(request.key, 16, 1.0, geometric_error=geometric_error(recipe, request.key.lod))
+        assert chunk.body == encode(mesh, placement, request.encoding)
         assert proven[-1] in {None, mesh.content}
     assert name == "caves" or any(proven)
 

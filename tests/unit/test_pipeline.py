@@ -10,11 +10,12 @@ import pytest
 from chunkserver import pipeline
 from chunkserver.errors import BadKey, BadParameter, BadRecipe, DeadlinePassed
 from chunkserver.field import sample
+from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import LOD_MAX, ChunkKey, ChunkShape
 from chunkserver.mesher import extract
 from chunkserver.pipeline import STAGES, ChunkRequest, build_chunk, check_request, generator
 from chunkserver.recipe import WorldRecipe, builtin, canonical
-from chunkserver.wire import Encoding, Placement, encode
+from chunkserver.wire import FORMATS, Encoding, Placement, encode
 from tests.worlds import crowded
 
 TERRAIN = WorldRecipe(7, builtin("terrain"))
@@ -90,12 +91,18 @@ def test_bytes_are_those_of_the_three_steps(cells):
     mesh = extract(sample(TERRAIN, key, ChunkShape(cells, 1)), normals="float32")
     chunk = build_chunk(ChunkRequest(TERRAIN, key, cells, voxel_size=0.5, revision=9, encoding=f32))
     assert chunk.content == mesh.content == "surface"
-    assert chunk.body == encode(mesh, Placement(key, cells, 0.5, 9), f32)
+    assert chunk.body == encode(
+        mesh, Placement(key, cells, 0.5, 9, geometric_error=geometric_error(TERRAIN, 1) / 2), f32
+    )
+
+
+def placed(request: ChunkRequest) -> Placement:
+    return Placement(request.key, 32, 1.0, geometric_error=geometric_error(request.recipe, request.key.lod))
 
 
 def test_defaults_are_a_native_chunk_of_32_cells_of_a_metre():
     mesh = extract(sample(TERRAIN, REQUEST.key, ChunkShape(32, 1)))
-    assert build_chunk(REQUEST).body == encode(mesh, Placement(REQUEST.key, 32, 1.0))
+    assert build_chunk(REQUEST).body == encode(mesh, placed(REQUEST))
 
 
 ENCODINGS = [Encoding(), Encoding(profile="f32"), Encoding("glb"), Encoding("glb", frame="chunk")]
@@ -163,6 +170,16 @@ def test_no_field_of_a_request_is_forgotten_here():
     assert {field.name for field in fields(ChunkRequest)} == OTHER.keys() | ONE_VALUE
 
 
+@pytest.mark.parametrize(("y", "content"), [(-1, "surface"), (9, "air")])
+def test_a_chunk_says_its_error_in_metres(y, content):
+    request = replace(REQUEST, key=ChunkKey(1, 0, y, 0), voxel_size=0.25)
+    metres = geometric_error(TERRAIN, 1) / 4
+    for encoding in (Encoding(), Encoding("glb")):
+        chunk = build_chunk(replace(request, encoding=encoding))
+        assert chunk.content == content
+        assert FORMATS[encoding.format].examine(chunk.body).facts["geometric_error"] == metres
+
+
 def test_transitions_change_nothing_while_no_neighbour_is_coarser():
     assert build_chunk(replace(REQUEST, seam="none")) == build_chunk(REQUEST)
 
@@ -170,7 +187,7 @@ def test_transitions_change_nothing_while_no_neighbour_is_coarser():
 def test_a_chunk_with_a_mask_is_that_of_the_three_steps():
     request = replace(REQUEST, key=ChunkKey(2, 0, -1, 0), coarser=9)
     mesh = extract(sample(TERRAIN, request.key, ChunkShape(32, 1), 9))
-    assert build_chunk(request).body == encode(mesh, Placement(request.key, 32, 1.0, coarser=9), Encoding())
+    assert build_chunk(request).body == encode(mesh, placed(request)._replace(coarser=9), Encoding())
 
 
 @pytest.mark.parametrize("mask", [1, 6, 63])

@@ -18,7 +18,7 @@ from chunkserver.grid import ChunkKey
 from chunkserver.mesh import EMPTY, Content, Mesh
 from chunkserver.wire import gltf
 from chunkserver.wire.buffers import TRIANGLES_MAX, VERTICES_MAX, narrow_indices
-from chunkserver.wire.encoding import Placement, check_placement
+from chunkserver.wire.encoding import GEOMETRIC_ERROR_NOT_STATED, Placement, check_placement
 from chunkserver.wire.reading.findings import (
     Fault,
     Findings,
@@ -183,7 +183,12 @@ def _place(scene: Any) -> tuple[Placement, Content]:
     content = _wanted(
         scene, f"{EXTRAS}.content", lambda value: isinstance(value, str) and value in contents, f"one of {contents}"
     )
-    placement = Placement(ChunkKey(lod, x, y, z), cells, voxel_size, revision, coarser)
+    error = _find(scene, f"{EXTRAS}.geometric_error")
+    if error is _MISSING:
+        error = GEOMETRIC_ERROR_NOT_STATED
+    elif not _is_number(error) or error < 0:
+        raise _Broken(f"{EXTRAS}.geometric_error", f"{_told(error)}; wanted is a number, 0 or more")
+    placement = Placement(ChunkKey(lod, x, y, z), cells, voxel_size, revision, coarser, error)
     try:
         check_placement(placement)
     except BadRequest as error:
@@ -192,7 +197,7 @@ def _place(scene: Any) -> tuple[Placement, Content]:
 
 
 def _place_facts(placement: Placement, content: Content, parts: _Parts) -> dict[str, Any]:
-    key, cells, voxel_size, revision, coarser = placement
+    key, cells, voxel_size, revision, coarser, error = placement
     in_chunk = gltf.scene_of(EMPTY["air"], placement, "chunk", [])["nodes"][0]["translation"]
     in_world = gltf.scene_of(EMPTY["air"], placement, "world", [])["nodes"][0]["translation"]
     found = _find(parts.scene, "$.nodes[0].translation")
@@ -205,6 +210,7 @@ def _place_facts(placement: Placement, content: Content, parts: _Parts) -> dict[
         "coarser": coarser,
         "content": content,
         "profile": "std",
+        "geometric_error": None if error == GEOMETRIC_ERROR_NOT_STATED else float(error),
         "frame": "chunk" if found == in_chunk != in_world else "world",
         "extensions": [name for name in used if isinstance(name, str)] if isinstance(used, list) else [],
     }

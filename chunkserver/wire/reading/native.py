@@ -1,6 +1,5 @@
 """The native format, version 1, read field by field: docs/wire/native-v1.md from the reader's side."""
 
-import math
 from collections.abc import Iterator
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -12,7 +11,7 @@ from chunkserver.errors import BadRequest
 from chunkserver.grid import POSITION_LOW, ChunkKey
 from chunkserver.wire import native
 from chunkserver.wire.buffers import COMPONENT_TYPES, TRIANGLES_MAX, VERTICES_MAX, VERTICES_U16_MAX
-from chunkserver.wire.encoding import Placement, check_placement
+from chunkserver.wire.encoding import GEOMETRIC_ERROR_NOT_STATED, Placement, check_placement
 from chunkserver.wire.reading.findings import (
     POSITION_MAX,
     Fault,
@@ -145,7 +144,7 @@ def _strange(header: _Fields) -> Iterator[tuple[str, object]]:
 
 def _placement(header: _Fields) -> Placement:
     key = ChunkKey(*(header[name] for name in ("lod", "x", "y", "z")))
-    return Placement(key, *(header[name] for name in ("cells", "voxel_size", "revision", "coarser")))
+    return Placement(key, *(header[name] for name in ("cells", "voxel_size", "revision", "coarser", "geometric_error")))
 
 
 def _header_faults(header: _Fields, length: int) -> Iterator[Fault]:
@@ -162,9 +161,6 @@ def _wrong_numbers(header: _Fields, length: int) -> Iterator[tuple[str, object]]
         yield "file_bytes", f"{length}, the length of the file"
     if length % native.ALIGNMENT:
         yield "file_bytes", f"a multiple of {native.ALIGNMENT}"
-    error = header["geometric_error"]
-    if not (error == native.GEOMETRIC_ERROR_NOT_STATED or (math.isfinite(error) and error >= 0)):
-        yield "geometric_error", f"metres, or {native.GEOMETRIC_ERROR_NOT_STATED} if not stated"
     if _CONTENTS[header["content"]] != "surface":
         empty = ("vertex_count", "index_count", "index_bytes", "block_count")
         yield from ((name, "0 in an empty chunk") for name in empty if header[name] != 0)
@@ -197,7 +193,7 @@ def _header_facts(header: _Fields) -> dict[str, Any]:
         "coarser": header["coarser"],
         "content": content,
         "profile": _PROFILES[header["profile"]],
-        "geometric_error": None if error == native.GEOMETRIC_ERROR_NOT_STATED else number(error),
+        "geometric_error": None if error == GEOMETRIC_ERROR_NOT_STATED else number(error),
         "vertices": header["vertex_count"],
         "triangles": header["index_count"] // 3,
         "bounds": _bounds(placement, header) if content == "surface" else None,

@@ -37,7 +37,8 @@ def placements(draw: st.DrawFn, voxel_size: st.SearchStrategy[float]) -> Placeme
     axis = st.integers(-limit, limit - 1)
     key = ChunkKey(lod, draw(axis), draw(axis), draw(axis))
     coarser = draw(st.integers(0, 63 if lod < LOD_MAX else 0))
-    return Placement(key, cells, draw(voxel_size), draw(st.integers(0, 2**63 - 1)), coarser)
+    error = draw(st.just(-1.0) | st.floats(0, 2.0**60))
+    return Placement(key, cells, draw(voxel_size), draw(st.integers(0, 2**63 - 1)), coarser, error)
 
 
 powers_of_two = st.integers(-20, 20).map(lambda exponent: 2.0**exponent)

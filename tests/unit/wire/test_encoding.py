@@ -69,6 +69,9 @@ def test_what_is_not_built_is_named(encoding: Encoding, field: str, built: str):
         ("revision", 2**63),
         ("coarser", -1),
         ("coarser", 64),
+        ("geometric_error", -0.5),
+        ("geometric_error", 2.0**61),
+        ("geometric_error", float("nan")),
     ],
 )
 def test_a_placement_that_does_not_fit_is_named(field: str, value: Any):
@@ -94,6 +97,8 @@ def test_limits_of_a_placement_are_inside():
     check_encodable(Placement(ChunkKey(20, -(2**15), 0, 2**15 - 1), 32, 2.0**20, 2**63 - 1, 0), Encoding())
     check_encodable(Placement(ChunkKey(19, -(2**16), 0, 2**16 - 1), 32, 2.0**20, 2**63 - 1, 63), Encoding())
     check_encodable(Placement(ChunkKey(0, -(2**36), 0, 2**36 - 1), 16, 2.0**-20, 0, 0), Encoding())
+    for error in (-1.0, 0.0, 2.0**60):
+        check_encodable(PLACEMENT._replace(geometric_error=error), Encoding())
 
 
 @pytest.mark.parametrize("encoding", BUILT)
@@ -118,5 +123,6 @@ def test_each_field_of_the_placement_shows(encoding: Encoding):
         PLACEMENT._replace(voxel_size=1.0),
         PLACEMENT._replace(revision=8),
         PLACEMENT._replace(coarser=4),
+        PLACEMENT._replace(geometric_error=0.75),
     ]
     assert len({encode(mesh, placement, encoding) for placement in variants}) == len(variants)

@@ -90,7 +90,7 @@ def test_other_voxel_sizes_are_rounded_once(placement: Placement):
 
 @given(placement=placements(st.floats(2.0**-20, 2.0**20)))
 def test_extras(placement: Placement):
-    key = placement.key
+    key, error = placement.key, placement.geometric_error
     assert node(placement, GLB)["extras"] == {
         "lod": str(key.lod),
         "x": str(key.x),
@@ -101,6 +101,7 @@ def test_extras(placement: Placement):
         "revision": str(placement.revision),
         "coarser": placement.coarser,
         "content": "surface",
+        **({} if error == -1 else {"geometric_error": error}),
     }
 
 

@@ -27,7 +27,7 @@ def test_header(encoding: Encoding, placement: Placement):
     file = encode(mesh, placement, encoding)
     assert file[:8] == b"CHNK\x01\x00\x60\x00"
     assert struct.unpack_from("<qqqQd", file, 8) == (*placement.key[1:], placement.revision, placement.voxel_size)
-    assert struct.unpack_from("<IIf", file, 48) == (5, 9, -1.0)
+    assert struct.unpack_from("<IIf", file, 48) == (5, 9, np.float32(placement.geometric_error))
     assert struct.unpack_from("<HB", file, 60) == (placement.cells, placement.key.lod)
     profile, index_bytes = (0, 2) if encoding == STD else (1, 4)
     assert tuple(file[63:68]) == (profile, placement.coarser, 2, index_bytes, 3)

@@ -76,6 +76,13 @@ def test_a_voxel_size_that_is_no_power_of_two(encoding: Encoding, voxel_size: fl
     assert examined(written(encoding, 500, placement)).faults == []
 
 
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_the_geometric_error_is_read_back(encoding: Encoding):
+    for error, told in ((0.375, 0.375), (0.0, 0.0), (-1.0, None)):
+        found = examined(written(encoding, 5, PLACEMENT._replace(geometric_error=error)))
+        assert (found.facts["geometric_error"], found.faults) == (told, [])
+
+
 @pytest.mark.parametrize("vertices", [0, 5])
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_file_that_is_cut_anywhere_is_not_right(encoding: Encoding, vertices: int):
@@ -125,6 +132,7 @@ NATIVE_FAULTS = [
     (48, "I", 39, "byte_length of a block is 320; wanted is 312"),
     (52, "I", 7, "index_count is 7"),
     (56, "f", float("inf"), "geometric_error is inf"),
+    (56, "f", -2.0, "geometric_error is -2.0"),
     (60, "H", 33, "cells is 33"),
     (62, "B", 21, "lod is 21"),
     (63, "B", 9, "profile is 9; wanted is 0 (std) or 1 (f32)"),
@@ -206,6 +214,9 @@ GLB_FAULTS: list[tuple[str, object, str]] = [
     ("nodes.0.extras.cells", 24, "cells is 24"),
     ("nodes.0.extras.voxel_size", "1", "wanted is a number"),
     ("nodes.0.extras.content", ["air"], "wanted is one of"),
+    ("nodes.0.extras.geometric_error", "1", "wanted is a number, 0 or more"),
+    ("nodes.0.extras.geometric_error", -1, "wanted is a number, 0 or more"),
+    ("nodes.0.extras.geometric_error", 10**400, "it lies in [0, "),
     ("nodes.0.extras.content", "air", "neither a mesh nor a BIN chunk"),
     ("nodes.0.translation", [0, 0], "wanted is ["),
     ("nodes.0.translation.1", 0.25, "is 0.25"),
