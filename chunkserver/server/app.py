@@ -21,6 +21,7 @@ from chunkserver.server.connections import Connections
 from chunkserver.server.cors import Cors, CorsLayer
 from chunkserver.server.disk import DiskCache
 from chunkserver.server.front import Front
+from chunkserver.server.geometric_errors import GeometricErrors
 from chunkserver.server.keys import Keyring, Scope
 from chunkserver.server.pool import Pool
 from chunkserver.server.posted import PostedRecipes
@@ -73,12 +74,14 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         catalogue.close()
         raise
     cache = ChunkCache(settings.cache_bytes, disk)
+    pool = pool or Pool(settings.workers, settings.pool_limits)
     app.state.service = Service(
-        pool or Pool(settings.workers, settings.pool_limits),
+        pool,
         cache,
         Answers(cache, cors),
         PostedRecipes(),
         WorldStore(catalogue, settings.answer_seconds),
+        GeometricErrors(pool),
         Connections(settings.connection_limits),
     )
     for room in (landing, health, metrics, recipes, worlds, world_chunks, seeds, batch):

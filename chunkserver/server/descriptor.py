@@ -1,6 +1,7 @@
 """What clients must know before they ask for a chunk, of a seed or of a world."""
 
 import json
+from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from pydantic import BaseModel, Field
@@ -74,6 +75,9 @@ class Descriptor(BaseModel):
     voxel_size: float = Field(default=VOXEL_SIZE, description="Metres.")
     chunk_cells: int = Field(default=CELLS_DEFAULT, description="Cells a side of a chunk, at every LOD.")
     lods: int = Field(default=LOD_MAX + 1, description="Levels of detail, 0 (finest) to lods - 1.")
+    geometric_errors: list[float] | None = Field(
+        description="By LOD, voxels, above 0: how far the surface is off, within a factor of 2. Null if not known yet."
+    )
     bounds: Bounds
     axes: Axes
     position_lattice: PositionLattice
@@ -85,15 +89,24 @@ class Descriptor(BaseModel):
 
 
 def members(
-    recipe: WorldRecipe, name: str, urls: Urls, cells: int = CELLS_DEFAULT, lods: int = LOD_MAX + 1
+    recipe: WorldRecipe,
+    name: str,
+    urls: Urls,
+    errors: Sequence[float] | None,
+    cells: int = CELLS_DEFAULT,
+    lods: int = LOD_MAX + 1,
 ) -> dict[str, Any]:
-    """Return the members of a `Descriptor` that follow from the recipe, what it is called, cells and levels."""
+    """Return the members of a `Descriptor` that follow from the recipe, what it is called, cells and levels.
+
+    errors: the geometric error of each level there can be, voxels; None if it is not known.
+    """
     return {
         "seed": str(recipe.seed),
         "recipe": RecipeOf(name=name, digest=recipe.digest, expression=json.loads(recipe.source)),
         "generator": generator(recipe),
         "chunk_cells": cells,
         "lods": lods,
+        "geometric_errors": None if errors is None else list(errors[:lods]),
         "bounds": Bounds(min=(-LATTICE_MAX,) * 3, max=(LATTICE_MAX,) * 3),
         "axes": Axes(),
         "position_lattice": PositionLattice(units_per_voxel=ChunkShape(cells).units_per_cell),

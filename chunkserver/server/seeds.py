@@ -1,5 +1,6 @@
 """A seed's pristine world, which nobody has to create: its descriptor and its chunks."""
 
+from collections.abc import Sequence
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Query, Response
@@ -70,7 +71,8 @@ async def seed_descriptor(
 ) -> SeedDescriptor:
     """Everything that a client must know before it asks for a chunk. Nothing has to be created first."""
     response.headers["Cache-Control"] = REVALIDATE
-    return describe(pristine(seed, query.recipe, service.posted), query.recipe)
+    recipe = pristine(seed, query.recipe, service.posted)
+    return describe(recipe, query.recipe, await service.errors.find(recipe))
 
 
 @router.api_route(
@@ -124,11 +126,14 @@ async def any_chunk(
     return await _answer(call, seed, key, query, encoding_of(format_of(call.request), query))
 
 
-def describe(recipe: WorldRecipe, name: str) -> SeedDescriptor:
-    """Return the descriptor of the pristine world `recipe`, whose recipe is called `name`."""
+def describe(recipe: WorldRecipe, name: str, errors: Sequence[float] | None) -> SeedDescriptor:
+    """Return the descriptor of the pristine world `recipe`, whose recipe is called `name`.
+
+    errors: the geometric error of each level, voxels; None if it is not known.
+    """
     chunk = f"/v1/seeds/{recipe.seed}/chunks/{{lod}}/{{x}}/{{y}}/{{z}}{{extension}}?recipe={name}"
     urls = Urls(chunk=chunk, chunk_immutable=f"{chunk}&g={generator(recipe)}")
-    return SeedDescriptor(**members(recipe, name, urls))
+    return SeedDescriptor(**members(recipe, name, urls, errors))
 
 
 async def _answer(call: Call, seed: int, key: ChunkKey, query: SeedChunkQuery, encoding: Encoding) -> Response:

@@ -10,6 +10,7 @@ from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.connections import Connections
+from chunkserver.server.geometric_errors import GeometricErrors
 from chunkserver.server.pool import URGENCY_DEFAULT
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.request_counts import RequestCounts
@@ -48,13 +49,16 @@ class Builder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """Workers, the chunks that they made, answers given before, posted recipes, worlds; connections and counts."""
+    """Workers, the chunks that they made, answers given before, posted recipes, worlds,
+    errors of levels; connections and counts.
+    """
 
     pool: Builder
     cache: ChunkCache
     answers: Answers
     posted: PostedRecipes
     worlds: WorldStore
+    errors: GeometricErrors
     connections: Connections = field(default_factory=Connections)
     requests: RequestCounts = field(default_factory=RequestCounts)
 

@@ -208,7 +208,7 @@ async def create_world(
     check_generator_of(world)
     response.headers["Location"] = f"{WORLDS}/{world.id}"
     response.status_code = HTTPStatus.CREATED if world is wanted else HTTPStatus.OK
-    return _described(world, service)
+    return await _described(world, service)
 
 
 @router.api_route(
@@ -225,7 +225,7 @@ async def world_descriptor(
 ) -> WorldDescriptor:
     """Everything that a client must know before it asks for a chunk."""
     response.headers["Cache-Control"] = REVALIDATE
-    return _described(service.worlds.find(world), service)
+    return await _described(service.worlds.find(world), service)
 
 
 @router.delete(
@@ -275,13 +275,14 @@ def _listed(world: World) -> ListedWorld:
     )
 
 
-def _described(world: World, service: Service) -> WorldDescriptor:
+async def _described(world: World, service: Service) -> WorldDescriptor:
+    errors = await service.errors.find(world.recipe)
     chunk = f"{WORLDS}/{world.id}/chunks/{{lod}}/{{x}}/{{y}}/{{z}}{{extension}}"
     tokens = f"g={world.generator}&epoch={world.epoch}"
     urls = Urls(chunk=chunk, chunk_immutable=f"{chunk}?revision={{revision}}&{tokens}")
     return WorldDescriptor(
         **_identity(world),
-        **members(world.recipe, world.recipe_name, urls, world.chunk_cells, world.lods),
+        **members(world.recipe, world.recipe_name, urls, errors, world.chunk_cells, world.lods),
         voxel_size=world.voxel_size,
         durable=service.worlds.durable,
         limits=Limits(answer_seconds=service.worlds.answer_seconds),

@@ -7,10 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx2
 import pytest
 
-from chunkserver.grid import ChunkKey
+from chunkserver.geometric_error import geometric_error
+from chunkserver.grid import LOD_MAX, ChunkKey
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.wire import Encoding
+from tests.serving import until
 
 SURFACE = "/v1/seeds/42/chunks/0/0/0/0"
 AIR = "/v1/seeds/42/chunks/0/0/9/0"
@@ -48,6 +50,20 @@ def test_the_bytes_are_those_of_the_pipeline(client, url, expected):
         assert (coded.content, coded.headers["content-encoding"]) == (chunk.body, coding)
         assert int(coded.headers["content-length"]) < len(chunk.body)
         assert coded.headers["etag"] != answer.headers["etag"]
+
+
+def test_the_descriptor_has_the_errors_that_chunks_have(client):
+    """In voxels; of as many levels as there are."""
+    recipe = WorldRecipe(42, builtin("hills"))
+    found = until(lambda: client.get("/v1/seeds/42?recipe=hills").json()["geometric_errors"], 60, "they are known")
+    assert found == [geometric_error(recipe, lod) for lod in range(LOD_MAX + 1)]
+    created = client.post(
+        "/v1/worlds", json={"id": "rough", "seed": 1, "recipe": "hills", "voxel_size": 0.25, "lods": 3}
+    )
+    errors = client.get("/v1/worlds/rough").json()["geometric_errors"]
+    assert errors == created.json()["geometric_errors"] == [geometric_error(recipe, lod) for lod in range(3)]
+    file = client.get("/v1/worlds/rough/chunks/2/0/-1/0.mesh").content
+    assert struct.unpack_from("<f", file, 56) == (errors[2] / 4,)
 
 
 def test_head_has_the_headers_of_get_and_no_body(client):

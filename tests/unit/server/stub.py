@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from fastapi.testclient import TestClient
 
+from chunkserver.grid import LOD_MAX
 from chunkserver.pipeline import Chunk, ChunkRequest
+from chunkserver.recipe import WorldRecipe
 from chunkserver.server import Settings, create_app
+from chunkserver.server.app import Application
+from chunkserver.server.service import Builder
 
 SURFACE = Chunk("surface", b"a mesh")
 
@@ -44,10 +49,24 @@ class StubPool:
         return self.chunk
 
 
+class StubErrors:
+    """Knows the error of each level of every recipe: half a step."""
+
+    async def find(self, _recipe: WorldRecipe) -> tuple[float, ...]:
+        return tuple(0.5 * 2**lod for lod in range(LOD_MAX + 1))
+
+
+def app_of(settings: Settings, pool: Builder) -> Application:
+    """The application over `pool`, which nobody asks for errors of levels."""
+    app = create_app(settings, pool)
+    app.state.service = replace(app.state.service, errors=StubErrors())
+    return app
+
+
 @contextmanager
 def client_of(pool: StubPool, folder: Path | None = None) -> Iterator[TestClient]:
     """A client of the application over `pool`, its lifespan included; with its worlds in `folder`."""
-    app = create_app(Settings(workers=1, data=folder), pool)
+    app = app_of(Settings(workers=1, data=folder), pool)
     plain = {"Accept-Encoding": "identity"}  # what the pool answers is coded by nobody
     with TestClient(app, raise_server_exceptions=False, follow_redirects=False, headers=plain) as client:
         yield client

@@ -9,7 +9,7 @@ from chunkserver.errors import StoreError
 from chunkserver.pipeline import Chunk
 from chunkserver.server import Settings, create_app
 from chunkserver.server.keys import mint
-from tests.unit.server.stub import StubPool, client_of
+from tests.unit.server.stub import StubPool, app_of, client_of
 
 CHUNK = "/v1/seeds/42/chunks/0/0/0/0.glb"
 IMMUTABLE = f"{CHUNK}?g={{}}"
@@ -18,7 +18,7 @@ IMMUTABLE = f"{CHUNK}?g={{}}"
 @contextmanager
 def client_with(pool, **settings):
     plain = {"Accept-Encoding": "identity"}
-    with TestClient(create_app(Settings(workers=1, **settings), pool), headers=plain) as client:
+    with TestClient(app_of(Settings(workers=1, **settings), pool), headers=plain) as client:
         yield client
 
 

@@ -8,10 +8,10 @@ from chunkserver.catalogue import World
 from chunkserver.errors import Overloaded
 from chunkserver.pipeline import Chunk, generator
 from chunkserver.recipe import WorldRecipe, builtin
-from chunkserver.server import Settings, create_app
+from chunkserver.server import Settings
 from chunkserver.server.cache import ENTRY_BYTES as ENTRY_BYTES_OF_CHUNK
 from chunkserver.server.front import Front
-from tests.unit.server.stub import StubPool
+from tests.unit.server.stub import StubPool, app_of
 
 SEED, WORLD = "/v1/seeds/42/chunks/0/0", "/v1/worlds/w/chunks/0/0"
 NATIVE, GLB = "application/vnd.chunkserver.mesh", "model/gltf-binary"
@@ -56,7 +56,7 @@ class Service:
     """An application with the world `w`, and how often a request got behind its front."""
 
     def __init__(self, pool=None):
-        self.app = create_app(Settings(workers=1), pool or Terrain())
+        self.app = app_of(Settings(workers=1), pool or Terrain())
         self.shared = self.app.state.service
         self.passed = 0
         self.front = cast("Front", self.app.front)

@@ -17,7 +17,7 @@ def client():
 @pytest.mark.parametrize("recipe", BUILTINS)
 def test_the_expression_is_one_that_a_user_could_have_posted(recipe):
     found = WorldRecipe(-7, builtin(recipe))
-    described = describe(found, recipe)
+    described = describe(found, recipe, [1.0] * 21)
     assert canonical(described.recipe.expression) == found.source
     assert (described.recipe.digest, described.generator) == (found.digest, generator(found))
 
@@ -61,7 +61,7 @@ def test_the_bounds_are_where_chunks_end(client):
 
 
 def test_the_position_lattice():
-    lattice = describe(WorldRecipe(1, builtin("plane")), "plane").position_lattice
+    lattice = describe(WorldRecipe(1, builtin("plane")), "plane", [1.0] * 21).position_lattice
     assert (lattice.high - lattice.low) / lattice.units_per_voxel == 32
 
 

@@ -47,7 +47,7 @@ def test_a_world_has_all_that_a_seed_has(client):
     world = client.post("/v1/worlds", json=NEW).json()
     seed = client.get("/v1/seeds/42?recipe=hills").json()
     assert set(world) - set(seed) == {"id", "epoch", "revision", "created", "durable", "limits"}
-    assert {name for name in seed if seed[name] != world[name]} == {"lods", "urls"}
+    assert {name for name in seed if seed[name] != world[name]} == {"lods", "geometric_errors", "urls"}
 
 
 def test_a_world_of_a_single_level_has_no_coarser_neighbours(client):
