@@ -63,6 +63,7 @@ TARGETS: Final = (
         Target("seams", f"{place}: whole chunk", "six faces", 1.5, 1.3, at_most=True, ours=True)
         for place in ("terrain surface", "caves", "planet")
     ),
+    *(Target("levels", world, "LOD 0", 1.2, 1.0, at_most=True) for world in ("terrain", "hills", "planet")),
     Target("cores", _CAVES, "two processes", 1.85, 1.95),
 )
 

@@ -14,7 +14,7 @@ from chunkserver.field import prove
 from chunkserver.geometric_error import GONE_STEPS, LEAST_STEPS, geometric_error
 from chunkserver.grid import LOD_MAX, POSITION_LOW, ChunkKey, ChunkShape
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, canonical
-from tests.scale import TORTURE, count
+from tests.scale import TORTURE
 from tests.worlds import chunk_mesh
 
 FACTOR = 2.0
@@ -25,7 +25,7 @@ COLUMNS = (4, 16, 64)
 """Chunks from the origin to where columns of chunks are drawn, at most."""
 TRIES_MAX = 500
 CHUNKS = 16 if TORTURE else 6
-POINTS = max(8, count(1200))
+POINTS = 60 if TORTURE else 12
 """Of each chunk."""
 RADIUS_FIRST = 3.0
 EDGE_MAX = 3.5
