@@ -18,7 +18,7 @@ recipe. Only + - * /, sqrt and comparisons, as in the field: it is the same on e
 
 import math
 import random
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -56,6 +56,7 @@ _Doubles = NDArray[np.float64]
 _Floats = NDArray[np.float32]
 _Ints = NDArray[np.int64]
 _Bools = NDArray[np.bool_]
+_Bytes = NDArray[np.int8]
 
 _CORNERS: Final[_Ints] = np.array([(number & 1, number >> 1 & 1, number >> 2) for number in range(8)])
 _EDGES: Final[_Ints] = np.array([(low, low | bit) for bit in (1, 2, 4) for low in range(8) if not low & bit])
@@ -102,7 +103,7 @@ def _points(recipe: WorldRecipe, lod: int, draw: random.Random) -> _Doubles:
     return corners[kept] + step * (cells + _in_cells(density[kept], cells, draw))
 
 
-def _found(recipe: WorldRecipe, lod: int) -> tuple[_Doubles, float, _Ints]:
+def _found(recipe: WorldRecipe, lod: int) -> tuple[_Doubles, float, _Bytes]:
     """Return the first corner, the spacing and the crossings of a grid around the origin.
 
     If no grid sees a surface, nothing is crossed in the one that is returned.
@@ -121,28 +122,30 @@ def _cubes(recipe: WorldRecipe, lod: int, lows: _Doubles, spacings: _Doubles, ce
 
     lows: (n, 3), x y z of the first point of each, voxels. spacings: (n,), between its points, voxels.
     """
-    sides = (cells + 1,) * 3
-    y, z, x = np.indices(sides, np.float64).reshape(3, -1)
-    points = lows[:, None] + spacings[:, None, None] * np.stack((x, y, z), axis=-1)
-    return densities(recipe, lod, points.reshape(-1, 3)).reshape(-1, *sides)
+    points = lows[:, None] + spacings[:, None, None] * _steps(cells)
+    return densities(recipe, lod, points.reshape(-1, 3)).reshape(-1, *(cells + 1,) * 3)
 
 
-def _crossings(density: _Floats) -> _Ints:
+@cache
+def _steps(cells: int) -> _Doubles:
+    """Return the points of a cube of so many cells a side, in cells from its low corner: (points, 3), x y z."""
+    y, z, x = np.indices((cells + 1,) * 3, np.float64).reshape(3, -1)
+    return np.stack((x, y, z), axis=-1)
+
+
+def _crossings(density: _Floats) -> _Bytes:
     """Return how many edges of each cell are crossed, (n, y, z, x), of densities (n, y, z, x)."""
     rock = density < 0
-    cells = tuple(side - 1 for side in rock.shape[1:])
-    count = np.zeros((len(rock), *cells), np.int64)
-    for one, other in _EDGES.tolist():
-        count += _corner(rock, one, cells) != _corner(rock, other, cells)
-    return count
+    first, *others = (_around(np.diff(rock, axis=axis).view(np.int8), axis) for axis in (1, 2, 3))
+    return first + others[0] + others[1]
 
 
-def _corner(rock: _Bools, number: int, cells: tuple[int, ...]) -> _Bools:
-    """Return a corner of each cell: bits x = 1, y = 2, z = 4."""
-    x, y, z = (
-        slice(number >> axis & 1, (number >> axis & 1) + side) for axis, side in zip(range(3), cells, strict=True)
-    )
-    return rock[:, y, z, x]
+def _around(edges: _Bytes, along: int) -> _Bytes:
+    """Return the sum of the four edges of each cell, of all edges along an axis."""
+    for across in {1, 2, 3} - {along}:
+        lines = np.moveaxis(edges, across, 0)
+        edges = np.moveaxis(lines[:-1] + lines[1:], 0, across)
+    return edges
 
 
 def _picked(allowed: _Bools, count: int, draw: random.Random) -> _Ints:

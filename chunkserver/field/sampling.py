@@ -72,6 +72,7 @@ def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDA
     tape = flatten(recipe, lod).tape
     density = np.empty(len(points), np.float32)
     places, values = np.empty((tape.places, SLAB_POINTS)), np.empty((tape.values, SLAB_POINTS), np.float32)
+    anywhere, for_noise = np.zeros(3), scratch()
     for start in range(0, len(points), SLAB_POINTS):
         slab = points[start : start + SLAB_POINTS]
         places[:INPUTS, : len(slab)] = slab.T
@@ -81,12 +82,12 @@ def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDA
             tape.keys,
             tape.columns,
             tape.result,
-            np.zeros(3),
+            anywhere,
             float(1 << lod),
             0,
             places,
             values,
-            *scratch(),
+            *for_noise,
             density[None, start : start + SLAB_POINTS],
         )
     return density
