@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 from benchmarks.measure import US, Figure, Line, Scale, beside_first, in_turns, timed
 from benchmarks.scenes import PLANET_RADIUS, SCENES, SEED, SHAPE, VOXEL_SIZE, prepare
 from chunkserver.field import prove, sample
+from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import ChunkKey
 from chunkserver.mesher import extract
 from chunkserver.pipeline import ChunkRequest, build_chunk
@@ -85,7 +86,8 @@ def _sample(request: ChunkRequest) -> object:
 def build_sampled(request: ChunkRequest) -> bytes:
     """Return the bytes of a chunk of 32 cells in the native format, which is sampled whether it is empty or not."""
     mesh = extract(sample(request.recipe, request.key, SHAPE))
-    return encode(mesh, Placement(request.key, SHAPE.cells, VOXEL_SIZE))
+    error = geometric_error(request.recipe, request.key.lod)
+    return encode(mesh, Placement(request.key, SHAPE.cells, VOXEL_SIZE, geometric_error=error * VOXEL_SIZE))
 
 
 def _on_the_way(flight: Flight, count: int) -> list[ChunkRequest]:

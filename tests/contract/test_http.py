@@ -64,6 +64,7 @@ def test_the_descriptor_has_the_errors_that_chunks_have(client):
     assert errors == created.json()["geometric_errors"] == [geometric_error(recipe, lod) for lod in range(3)]
     file = client.get("/v1/worlds/rough/chunks/2/0/-1/0.mesh").content
     assert struct.unpack_from("<f", file, 56) == (errors[2] / 4,)
+    client.delete("/v1/worlds/rough").raise_for_status()
 
 
 def test_head_has_the_headers_of_get_and_no_body(client):
