@@ -20,13 +20,12 @@ from benchmarks.measure import MS, Figure, Line, Scale, beside_first, in_turns, 
 from benchmarks.scenes import SCENES, SEED, SHAPE, Scene, layers, prepare
 from benchmarks.skipping import CHUNKS, FLIGHTS, STEPS, Flight, cut
 from chunkserver.field import sample
-from chunkserver.grid import FACES, ChunkKey
+from chunkserver.grid import FACES, MASK_MAX, ChunkKey
 from chunkserver.mesher import extract
 from chunkserver.pipeline import SKIRTS, ChunkRequest, build_chunk, build_mesh
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.samples import Samples
 
-ALL_FACES: Final = (1 << FACES) - 1
 PLACES: Final = (
     SCENES["terrain surface"],
     Scene("caves", "caves", "surface", layers(range(-2, 2), 6)),
@@ -44,7 +43,7 @@ def run(scale: Scale) -> Iterator[Line]:
         seams: Requests = {
             "plain": plain,
             "one face": [replace(each, coarser=1 << place % FACES) for place, each in enumerate(plain)],
-            "six faces": [replace(each, coarser=ALL_FACES) for each in plain],
+            "six faces": [replace(each, coarser=MASK_MAX) for each in plain],
             "skirts": [replace(each, seam=SKIRTS) for each in plain],
         }
         without_skirts = {name: requests for name, requests in seams.items() if name != "skirts"}

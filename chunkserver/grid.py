@@ -27,6 +27,8 @@ APRON_DEFAULT: Final = 1
 
 FACES: Final = 6
 """Of a chunk, and bits of a mask of them: -x +x -y +y -z +z."""
+MASK_MAX: Final = (1 << FACES) - 1
+"""All faces of a chunk."""
 
 POSITION_LOW: Final = 16384
 """Position, in lattice units, of a chunk's low face."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.errors import BadParameter
-from chunkserver.grid import FACES, ChunkShape, check_shape
+from chunkserver.grid import MASK_MAX, ChunkShape, check_shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Samples:
     def __post_init__(self) -> None:
         check_shape(self.shape)
         _check(self.density, (self.shape.samples,) * 3)
-        if not 0 <= self.coarser < 1 << FACES:
+        if not 0 <= self.coarser <= MASK_MAX:
             raise BadParameter(f"coarser is {self.coarser}; it is a mask of six faces", coarser=self.coarser)
         if (self.coarse is None) is bool(self.coarser):
             raise BadParameter(f"coarser is {self.coarser}; coarse samples go with it", coarser=self.coarser)

@@ -44,7 +44,7 @@ import numpy as np
 
 from chunkserver.errors import ChunkError, DeadlinePassed, WireError
 from chunkserver.field import compile_beside, compile_interpreter
-from chunkserver.grid import CELLS_BUILT, FACES, ChunkKey, ChunkShape
+from chunkserver.grid import CELLS_BUILT, MASK_MAX, ChunkKey, ChunkShape
 from chunkserver.kernel import CACHE_DIR, SOURCES_DIGEST, cache_root
 from chunkserver.mesh import Content, NormalKind
 from chunkserver.mesher import MESHERS, extract
@@ -284,8 +284,8 @@ def compile_rest() -> None:
     along = np.arange(shape.samples, dtype=np.float32) - np.float32(shape.samples / 2)
     squares = along[:, None, None] ** 2 + along[:, None] ** 2 + along**2
     ball = Samples(shape, np.sqrt(squares) - np.float32(shape.cells / 4))
-    faces = (1 << FACES) - 1
-    between = Samples(shape, ball.density, faces, np.zeros(coarse_box(shape.cells, faces).shape, np.float32))
+    coarse = np.zeros(coarse_box(shape.cells, MASK_MAX).shape, np.float32)
+    between = Samples(shape, ball.density, MASK_MAX, coarse)
     for mesher in MESHERS:
         for normals in get_args(NormalKind):
             extract(ball, mesher, normals, skirts=True)

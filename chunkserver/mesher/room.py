@@ -21,6 +21,8 @@ from chunkserver.samples import Samples
 
 SLIDE_CELLS: Final = 1.0
 """How far a vertex goes at most, in cells."""
+SETTLES_MAX: Final = 64
+"""How often moves are halved. White noise takes a dozen times; what turns still has no room made at all."""
 
 _Densities = NDArray[np.float32]
 _Places = NDArray[np.uint16]
@@ -41,7 +43,8 @@ def make_room(samples: Samples, positions: _Places, triangles: _Triangles) -> No
     moves = np.zeros(len(positions), np.uint8)
     density, side, units = samples.density.reshape(-1), shape.samples, shape.units_per_cell
     _move_all(density, side, shape.apron, units, samples.coarser, before, positions, moves)
-    _settle(before, positions, triangles, moves)
+    if not _settle(before, positions, triangles, moves):
+        positions[:] = before
 
 
 @inlined
@@ -134,14 +137,16 @@ def _within(place: int, on: int, away: float) -> int:
 
 
 @kernel
-def _settle(before: _Places, positions: _Places, triangles: _Triangles, moves: NDArray[np.uint8]) -> None:
-    """Take back half of the moves that turn a triangle, all at once, until none does: their order does not matter."""
+def _settle(before: _Places, positions: _Places, triangles: _Triangles, moves: NDArray[np.uint8]) -> bool:
+    """Take back half of the moves that turn a triangle, all at once: so their order does not matter.
+
+    Again, until none turns any more. Returns whether it came to that.
+    """
     touched, count = np.empty(triangles.shape[0], np.int64), 0
     for row in range(triangles.shape[0]):
         touched[count] = row
         count += int(moves[triangles[row, 0]] | moves[triangles[row, 1]] | moves[triangles[row, 2]]) & _MOVED
-    turns = True
-    while turns:
+    for _ in range(SETTLES_MAX):
         turns = False
         for place in range(count):
             a, b, c = triangles[touched[place]]
@@ -149,11 +154,14 @@ def _settle(before: _Places, positions: _Places, triangles: _Triangles, moves: N
                 turns = True
                 for vertex in (a, b, c):
                     moves[vertex] |= _BACK
+        if not turns:
+            return True
         for vertex in range(moves.shape[0]):
             if moves[vertex] & _BACK:
                 moves[vertex] = _CHANGED | _halve(before, positions, vertex)
             else:
                 moves[vertex] &= _MOVED
+    return False
 
 
 @inlined

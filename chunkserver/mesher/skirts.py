@@ -22,12 +22,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.grid import POSITION_HIGH, POSITION_LOW
+from chunkserver.grid import FACES, POSITION_HIGH, POSITION_LOW
 from chunkserver.kernel import inlined, kernel
 from chunkserver.mesh import POSITION_W, Mesh
 from chunkserver.mesher.crossing import is_rock
 from chunkserver.mesher.normals import gradient
-from chunkserver.mesher.triangles import has_three_places
+from chunkserver.mesher.triangles import has_area
 from chunkserver.samples import Samples
 
 HEIGHT_CELLS: Final = 6
@@ -36,6 +36,8 @@ STEP_CELLS: Final = 1.0
 """How far apart it looks whether there is still rock, down and across."""
 SHARED_CELLS: Final = 1.0
 """How near a border vertex is to another whose lower end it shares."""
+SEGMENTS_MAX: Final = 2
+"""Border edges in a face of a cell."""
 
 assert HEIGHT_CELLS < 16 // 2, "a skirt stays within the margin of the smallest chunk"
 
@@ -71,10 +73,10 @@ class _Rays(NamedTuple):
 def with_skirts(mesh: Mesh, samples: Samples) -> Mesh:
     """Return `mesh`, which was extracted from `samples`, with skirts on all six faces of its chunk."""
     shape, surface = samples.shape, len(mesh.triangles)
-    edges = np.empty((_list_edges(mesh.positions, mesh.triangles, np.empty((0, 3), np.int64)), 3), np.int64)
+    edges = np.empty((FACES * SEGMENTS_MAX * shape.cells**2, 3), np.int64)
+    edges = edges[: _list_edges(mesh.positions, mesh.triangles, edges)]
     if not len(edges):
         return mesh
-    _list_edges(mesh.positions, mesh.triangles, edges)
     lower, owners = np.full((3, len(mesh.positions)), -1, np.int64), np.empty((2 * len(edges), 2), np.int64)
     owners = owners[: _number(mesh.positions, edges, int(SHARED_CELLS * shape.units_per_cell), lower, owners)]
     rays = _Rays(*(np.empty((len(owners), *rest)) for rest in ((3,), (3,), (), ())))
@@ -92,7 +94,7 @@ def with_skirts(mesh: Mesh, samples: Samples) -> Mesh:
 
 @kernel
 def _list_edges(positions: _Places, triangles: _Indices, edges: _Numbers) -> int:
-    """Write the border edges as long as there are rows: from, to, axis of the face. Returns how many there are."""
+    """Write the border edges: from, to, axis of the face. Returns how many there are."""
     count = 0
     for row in range(triangles.shape[0]):
         for corner in range(3):
@@ -100,8 +102,7 @@ def _list_edges(positions: _Places, triangles: _Indices, edges: _Numbers) -> int
             for axis in range(3):
                 place = positions[a, axis]
                 if place == positions[b, axis] and place in (POSITION_LOW, POSITION_HIGH):
-                    if count < edges.shape[0]:
-                        edges[count, 0], edges[count, 1], edges[count, 2] = a, b, axis
+                    edges[count, 0], edges[count, 1], edges[count, 2] = a, b, axis
                     count += 1
                     break
     return count
@@ -230,13 +231,13 @@ def _is_rock_at(grid: _Grid, rays: _Rays, a: int, b: int, on_a: float, on_b: flo
 def _fill(positions: _Places, edges: _Numbers, lower: _Numbers, surface: int, triangles: _Indices) -> int:
     """Write two triangles for each border edge behind the first `surface` rows. Returns the row after the last.
 
-    The edge is walked back, so that surface and skirt have the same sense. Those with two equal corners are left out.
+    The edge is walked back, so that surface and skirt have the same sense. Those without an area are left out.
     """
     at = surface
     for row in range(edges.shape[0]):
         a, b, axis = edges[row, 0], edges[row, 1], edges[row, 2]
         triangles[at, 0], triangles[at, 1], triangles[at, 2] = b, a, lower[axis, a]
-        at += has_three_places(positions, triangles[at])
+        at += has_area(positions, triangles[at])
         triangles[at, 0], triangles[at, 1], triangles[at, 2] = b, lower[axis, a], lower[axis, b]
-        at += has_three_places(positions, triangles[at])
+        at += has_area(positions, triangles[at])
     return at

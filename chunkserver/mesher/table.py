@@ -32,7 +32,8 @@ def extract(samples: Samples, mesher: str = MESHER_DEFAULT, normals: NormalKind 
 
     skirts: draw its border out into the rock, for neighbours of whatever level.
 
-    Raises `BadParameter` for a mesher that is not built or samples with too small an apron. A chunk without a surface
+    Raises `BadParameter` for a mesher that is not built, samples with too small an apron, or skirts where coarser
+    neighbours are fitted. A chunk without a surface
     is no error: its mesh is `EMPTY["air"]` or `EMPTY["rock"]`.
     """
     if mesher not in MESHERS:
@@ -40,5 +41,7 @@ def extract(samples: Samples, mesher: str = MESHER_DEFAULT, normals: NormalKind 
     row = MESHERS[mesher]
     if samples.shape.apron < row.apron:
         raise BadParameter(f"apron is {samples.shape.apron}; {mesher} needs {row.apron}", apron=samples.shape.apron)
+    if skirts and samples.coarser:
+        raise BadParameter(f"coarser is {samples.coarser}; skirts fit neighbours of any level", coarser=samples.coarser)
     mesh = row.extract(samples, normals)
     return with_skirts(mesh, samples) if skirts else mesh

@@ -1,4 +1,4 @@
-"""Triangles whose corners may have come together: at a border that does not move, in a skirt that is not drawn out."""
+"""Triangles that may have become lines: at a border that does not move, in a skirt that is not drawn out."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,3 +18,19 @@ def has_three_places(positions: NDArray[np.uint16], triangle: NDArray[np.uint32]
         ):
             return False
     return True
+
+
+@inlined
+def has_area(positions: NDArray[np.uint16], triangle: NDArray[np.uint32]) -> bool:
+    """Return whether a triangle's corners do not lie on a line. positions: (V, 4). triangle: (3,)."""
+    a, b, c = triangle
+    for axis in range(3):
+        after = (axis + 1) % 3
+        ux, vx = int(positions[b, axis]) - int(positions[a, axis]), int(positions[c, axis]) - int(positions[a, axis])
+        uy, vy = (
+            int(positions[b, after]) - int(positions[a, after]),
+            int(positions[c, after]) - int(positions[a, after]),
+        )
+        if ux * vy != uy * vx:
+            return True
+    return False

@@ -24,8 +24,9 @@ ANSWERS_BYTES_MAX: Final = 32 << 20
 """Room for about 8,000 URLs; the bodies are the cache's."""
 ENTRY_BYTES: Final = 4096
 """What an entry costs besides its key: both heads, tag and table slots. An upper bound, held by its unit test."""
-PLANS_MAX: Final = 1024
-"""Kinds of requests that are known: a world, a format, parameters, and what the client accepts."""
+PLANS_MAX: Final = 8192
+"""Kinds of requests that are known: a world, a format, parameters with a mask (a cut of levels has up to 27), and what
+the client accepts."""
 KEY_BYTES_MAX: Final = 2048
 """Path, query and header fields of a request that is kept."""
 

@@ -6,11 +6,11 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, Field
 
-from chunkserver.grid import CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, POSITION_HIGH, POSITION_LOW, ChunkShape
+from chunkserver.grid import CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, MASK_MAX, POSITION_HIGH, POSITION_LOW, ChunkShape
 from chunkserver.mesher import MESHERS
 from chunkserver.pipeline import SEAMS_BUILT, generator
 from chunkserver.recipe import WorldRecipe
-from chunkserver.server.parameters import COARSER_BUILT, DECIMAL, TOKEN
+from chunkserver.server.parameters import DECIMAL, TOKEN
 from chunkserver.wire import FORMATS
 
 VOXEL_SIZE: Final = 1.0
@@ -114,5 +114,5 @@ def members(
         "formats": [FormatOf(**row._asdict()) for row in FORMATS.values()],
         "meshers": sorted(MESHERS),
         "seams": sorted(SEAMS_BUILT),
-        "coarser": list(COARSER_BUILT if lods > 1 else COARSER_BUILT[:1]),
+        "coarser": list(range(MASK_MAX + 1 if lods > 1 else 1)),
     }

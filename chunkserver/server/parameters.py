@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from chunkserver.catalogue import ID_PATTERN
 from chunkserver.errors import BadParameter
-from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, FACES, LATTICE_MAX, LOD_MAX, ChunkKey
+from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, MASK_MAX, ChunkKey
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS
 from chunkserver.pipeline import SEAM_DEFAULT, SEAMS_BUILT, ChunkRequest, check_request
 from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe
@@ -21,7 +21,6 @@ from chunkserver.wire import FORMATS, Encoding
 
 DECIMAL: Final = "0|-?[1-9][0-9]{0,18}"
 """The one way to write a 64-bit integer, so that a resource has one URL: no plus sign, leading zero or minus zero."""
-COARSER_BUILT: Final = tuple(range(1 << FACES))
 TOKEN: Final = "^[0-9a-f]{1,64}$"
 """Of a generator, or of an epoch."""
 
@@ -112,12 +111,10 @@ class ChunkQuery(NoQuery):
         description="How the surface is made.",
         json_schema_extra=_one_of(MESHERS),
     )
-    coarser: Annotated[Decimal, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": COARSER_BUILT[-1]})] = (
-        Field(
-            0,
-            description="Mask of the faces whose neighbour is one LOD coarser, -x +x -y +y -z +z = 1 2 4 8 16 32: the "
-            "chunk is closed against them. Other than 0 only with `seam=transitions`.",
-        )
+    coarser: Annotated[Decimal, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": MASK_MAX})] = Field(
+        0,
+        description="Mask of the faces whose neighbour is one LOD coarser, -x +x -y +y -z +z = 1 2 4 8 16 32: the "
+        "chunk is closed against them. Other than 0 only with `seam=transitions`.",
     )
     seam: str = Field(
         SEAM_DEFAULT,

@@ -3,7 +3,7 @@
 from typing import Final, NamedTuple
 
 from chunkserver.errors import BadParameter
-from chunkserver.grid import POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape, check_key, check_shape
+from chunkserver.grid import MASK_MAX, POSITION_HIGH, POSITION_LOW, ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.mesh import NormalKind
 from chunkserver.wire.coding import CODING_DEFAULT
 
@@ -12,7 +12,6 @@ VOXEL_SIZE_MIN: Final = 2.0**-20
 VOXEL_SIZE_MAX: Final = 2.0**20
 REVISION_MAX: Final = (1 << 63) - 1
 """Fits the native header's u64, and the signed 64 bits that most clients and stores have."""
-COARSER_MAX: Final = 63
 GEOMETRIC_ERROR_NOT_STATED: Final = -1.0
 GEOMETRIC_ERROR_MAX: Final = 2.0**60
 """Metres: as wide as a world of the largest voxels."""
@@ -75,8 +74,8 @@ def check_placement(placement: Placement) -> None:
         raise BadParameter(f"voxel_size is {voxel_size}; it lies in {limits} metres", voxel_size=voxel_size)
     if not 0 <= revision <= REVISION_MAX:
         raise BadParameter(f"revision is {revision}; it lies in [0, {REVISION_MAX}]", revision=revision)
-    if not 0 <= coarser <= COARSER_MAX:
-        raise BadParameter(f"coarser is {coarser}; it lies in [0, {COARSER_MAX}]", coarser=coarser)
+    if not 0 <= coarser <= MASK_MAX:
+        raise BadParameter(f"coarser is {coarser}; it lies in [0, {MASK_MAX}]", coarser=coarser)
     if not (error == GEOMETRIC_ERROR_NOT_STATED or 0 <= error <= GEOMETRIC_ERROR_MAX):
         limits = f"[0, {GEOMETRIC_ERROR_MAX:g}] metres, or is {GEOMETRIC_ERROR_NOT_STATED} if not stated"
         raise BadParameter(f"geometric_error is {error}; it lies in {limits}", geometric_error=error)

@@ -12,6 +12,7 @@ from chunkserver.mesher.cases import case_triangles
 from chunkserver.mesher.cell import CUBE, TRANSITION, Point
 from chunkserver.mesher.faces import FRAMES
 from chunkserver.mesher.room import SLIDE_CELLS
+from chunkserver.mesher.transitions import TWIN_SHARE
 from chunkserver.samples import Samples, coarse_box
 from tests.reference.marching_cubes import Normals, Vertex, cube_triangles, nearest, stored
 
@@ -74,7 +75,7 @@ class Chunk:
     def between(self, fine: Corner, coarse: Corner) -> Vertex:
         """Return the vertex between a corner and its twin."""
         place = [POSITION_LOW + self.units * at for at in fine[1:]]
-        middle = [at + int(away / 2) for at, away in zip(place, self.room(place), strict=True)]
+        middle = [at + int(TWIN_SHARE * away) for at, away in zip(place, self.room(place), strict=True)]
         normal = [2 * a + b for a, b in zip(self.gradient(fine), self.gradient(coarse), strict=True)]
         return _point(middle), stored(normal if any(normal) else [0.0, 1.0, 0.0])
 
