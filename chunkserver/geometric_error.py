@@ -29,7 +29,7 @@ from chunkserver.grid import LATTICE_MAX
 from chunkserver.recipe import WorldRecipe
 
 PERCENTILE: Final = 0.95
-PLACES: Final = 64
+PLACES: Final = 128
 SEED: Final = 0
 ERRORS_KEPT_MAX: Final = 2048
 """Recipes, each at a level, whose error is kept in one process."""

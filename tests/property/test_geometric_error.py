@@ -23,10 +23,12 @@ CELLS = 32
 LEVELS = range(1, 7)
 COLUMNS = (4, 16, 64)
 """Chunks from the origin to where columns of chunks are drawn, at most."""
-TRIES_MAX = 500
-CHUNKS = 16 if TORTURE else 6
-POINTS = 60 if TORTURE else 12
-"""Of each chunk."""
+HEIGHT_MAX = 16
+"""Chunks from the origin to the top and to the bottom of a column."""
+TRIES_MAX = 4000
+COUNT = 80 if TORTURE else 5
+POINTS = 12
+"""How many columns, and points of each."""
 RADIUS_FIRST = 3.0
 EDGE_MAX = 3.5
 """Voxels: what a triangle of LOD 0 reaches around its middle, twice."""
@@ -46,27 +48,44 @@ def triangles_of(recipe: WorldRecipe, key: ChunkKey) -> Triangles:
     return corners[mesh.triangles]
 
 
-def spread(triangles: Triangles, number: int, rng: np.random.Generator) -> Triangles:
+def spread(triangles: Triangles, rng: np.random.Generator) -> Triangles:
     """Return points spread evenly over the area of triangles."""
     a, b, c = triangles.transpose(1, 0, 2)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    at = rng.choice(len(areas), number, p=areas / areas.sum())
-    u, v = np.sqrt(rng.random((number, 1))), rng.random((number, 1))
+    at = rng.choice(len(areas), POINTS, p=areas / areas.sum())
+    u, v = np.sqrt(rng.random((POINTS, 1))), rng.random((POINTS, 1))
     return np.asarray((1 - u) * a[at] + u * (1 - v) * b[at] + u * v * c[at])
 
 
+def from_above(triangles: Triangles, low: NDArray[np.float64], side: int, rng: np.random.Generator) -> Triangles:
+    """Return the highest points of triangles over places spread evenly over a square of the ground."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    area = ux * vz - uz * vx
+    area[area == 0] = np.inf  # a wall: nothing is over a place that it hides
+    highest = []
+    for x, z in low[[0, 2]] + side * rng.random((POINTS, 2)):
+        px, pz = x - a[:, 0], z - a[:, 2]
+        s, t = (px * vz - pz * vx) / area, (ux * pz - uz * px) / area
+        over = (s >= 0) & (t >= 0) & (s + t <= 1) & np.isfinite(area)
+        if over.any():
+            highest.append((x, (a[:, 1] + s * uy + t * vy)[over].max(), z))
+    return np.array(highest).reshape(-1, 3)
+
+
 def seen(recipe: WorldRecipe, lod: int, rng: np.random.Generator) -> Triangles:
-    """Return points of a level's surface: of the highest chunks of columns, and of chunks anywhere, as many."""
+    """Return points of columns of chunks: evenly over the surface of some, as seen from above of as many others."""
     points: list[Triangles] = []
     for turn in range(TRIES_MAX):
         reach = COLUMNS[turn % len(COLUMNS)]
-        x, y, z = rng.integers(-reach, reach, 3).tolist()
-        heights = range(min(reach, 16), -min(reach, 16) - 1, -1) if len(points) % 2 else [y]
-        chunks = (triangles_of(recipe, ChunkKey(lod, x, height, z)) for height in heights)
-        found = next((chunk for chunk in chunks if len(chunk)), None)
-        if found is not None:
-            points.append(spread(found, POINTS, rng))
-        if len(points) == CHUNKS:
+        x, z = rng.integers(-reach, reach, 2).tolist()
+        heights = range(-min(reach, HEIGHT_MAX), min(reach, HEIGHT_MAX))
+        column = np.concatenate([triangles_of(recipe, ChunkKey(lod, x, height, z)) for height in heights])
+        if not len(column):
+            continue
+        low, side = np.array(ChunkKey(lod, x, 0, z).low_corner(CELLS), float), CELLS << lod
+        points.append(from_above(column, low, side, rng) if len(points) % 2 else spread(column, rng))
+        if len(points) == COUNT:
             break
     return np.concatenate(points)
 
