@@ -4,11 +4,15 @@ import hashlib
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.grid import CELLS_BUILT, ChunkKey
+from chunkserver.field import sample
+from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, ChunkKey, ChunkShape
+from chunkserver.mesh import Mesh, NormalKind
+from chunkserver.mesher import extract
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
 from tests.worlds import chunk_mesh
 
@@ -26,6 +30,8 @@ KEYS = [
     ChunkKey(0, 2**34 - 1, -1, -(2**34)),
 ]
 """Within the world for each size of chunk."""
+MASKS = (1, 26, 63)
+"""Of faces with coarser neighbours."""
 
 COLUMNS = ("recipe", "cells", "lod", "x", "y", "z", "content", "vertices", "triangles")
 DIGESTS = ("positions", "int8", "float32", "indices")
@@ -38,9 +44,18 @@ def chunk_lines() -> Iterator[str]:
     for recipe, key, cells in product(BUILTINS, KEYS, CELLS_BUILT):
         world = WorldRecipe(SEED, builtin(recipe))
         mesh, floats = chunk_mesh(world, key, cells), chunk_mesh(world, key, cells, "float32")
-        arrays = (mesh.positions, mesh.normals, floats.normals, mesh.triangles)
-        counts = (mesh.content, len(mesh.positions), len(mesh.triangles))
-        yield _columns(recipe, cells, *key, *counts, *(() if mesh.is_empty else map(_digest, arrays)))
+        yield _columns(recipe, cells, *key, *_described(mesh, floats))
+
+
+def seam_lines() -> Iterator[str]:
+    """Yield the lines of `seams.txt`: a heading, then a chunk each, fitted to coarser neighbours or with skirts."""
+    yield _columns("seam", *COLUMNS, *DIGESTS, widths=(7, *WIDTHS))
+    shape = ChunkShape(CELLS_DEFAULT)
+    for recipe, key, mask in product(("terrain", "planet"), KEYS[:5], (0, *MASKS)):
+        samples = sample(WorldRecipe(SEED, builtin(recipe)), key, shape, mask)
+        mesh, floats = (extract(samples, normals=kind, skirts=not mask) for kind in get_args(NormalKind))
+        line = _described(mesh, floats)
+        yield _columns(mask or "skirts", recipe, CELLS_DEFAULT, *key, *line, widths=(7, *WIDTHS))
 
 
 def octant_lines() -> Iterator[str]:
@@ -52,7 +67,14 @@ def octant_lines() -> Iterator[str]:
         yield _columns("triangle", *triangle, widths=(8, 4, 3, 3))
 
 
-FILES = {"chunks.txt": chunk_lines, "octant.txt": octant_lines}
+FILES = {"chunks.txt": chunk_lines, "seams.txt": seam_lines, "octant.txt": octant_lines}
+
+
+def _described(mesh: Mesh, floats: Mesh) -> tuple[object, ...]:
+    """Return content, counts and digests of a mesh. floats: the same one with float32 normals."""
+    arrays = (mesh.positions, mesh.normals, floats.normals, mesh.triangles)
+    digests = () if mesh.is_empty else map(_digest, arrays)
+    return mesh.content, len(mesh.positions), len(mesh.triangles), *digests
 
 
 def _digest(array: NDArray[np.generic]) -> str:

@@ -45,7 +45,8 @@ def triangles_of(recipe: WorldRecipe, key: ChunkKey) -> Triangles:
     corners = np.array(key.low_corner(CELLS)) + (mesh.positions[:, :3] - float(POSITION_LOW)) * (
         CELLS * key.step / 2**15
     )
-    return corners[mesh.triangles]
+    found: Triangles = corners[mesh.triangles]
+    return found
 
 
 def spread(triangles: Triangles, rng: np.random.Generator) -> Triangles:
@@ -131,7 +132,7 @@ def measured(recipe: WorldRecipe, lod: int) -> float:
 
 def shown(name: str, lod: int) -> bool:
     """Whether anything of a built-in is left at a level."""
-    return geometric_error(WorldRecipe(SEED, builtin(name)), lod) != GONE_STEPS * 2**lod
+    return bool(geometric_error(WorldRecipe(SEED, builtin(name)), lod) != GONE_STEPS * 2**lod)
 
 
 @pytest.mark.parametrize(("number", "name"), [*enumerate(BUILTINS)])
