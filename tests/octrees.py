@@ -72,6 +72,15 @@ def random_octree(
     return tree
 
 
+def deep_octree(rng: np.random.Generator, levels: int) -> Octree:
+    """Return a small octree of exactly so many levels: of each but the finest, a random leaf was split."""
+    tree = Octree(levels - 1)
+    for lod in range(levels - 1, 0, -1):
+        leaves = sorted(key for key in tree.leaves if key.lod == lod)
+        tree.split(leaves[rng.integers(len(leaves))])
+    return tree
+
+
 def chunks_of(
     tree: Octree, field: Field, cells: int, masked: bool = True, normals: NormalKind = "int8"
 ) -> Iterator[tuple[ChunkKey, Mesh]]:

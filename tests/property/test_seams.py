@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from chunkserver.field import sample
-from chunkserver.grid import LATTICE_MAX, POSITION_LOW, ChunkKey, ChunkShape
+from chunkserver.grid import CELLS_DEFAULT, LATTICE_MAX, POSITION_LOW, ChunkKey, ChunkShape
 from chunkserver.mesh import Mesh
 from chunkserver.mesher import extract
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
 from chunkserver.samples import Samples, coarse_box
-from tests.octrees import FIELDS, Octree, chunks_of, random_octree, samples_of
+from tests.octrees import FIELDS, Octree, chunks_of, deep_octree, random_octree, samples_of
 from tests.scale import TORTURE, count
 from tests.surfaces import CHUNK_UNITS, Surface, assert_closed, doubled_areas, edges_of, on_border, weld
 
@@ -20,11 +20,23 @@ CELLS = 16
 
 
 @pytest.mark.parametrize("name", FIELDS)
-@pytest.mark.parametrize("levels", [2, 3])
+@pytest.mark.parametrize("levels", [2, 3, 4])
 def test_octrees_are_closed(name, levels):
-    for seed in range(count(100)):
+    finest = levels
+    for seed in range(1, 1 + count(100)):
         tree = random_octree(np.random.default_rng(seed), levels, 0.2)
+        finest = min(finest, *(key.lod for key in tree.leaves))
         assert_closed(weld(chunks_of(tree, FIELDS[name](seed), CELLS)))
+    assert finest == 0, "no octree of all levels"
+
+
+@pytest.mark.parametrize("levels", [3, 4])
+def test_octrees_of_full_size_are_closed(levels):
+    for seed in range(4, 4 + count(25)):  # those first have 29 and 43 leaves
+        name = list(FIELDS)[(seed + 2) % len(FIELDS)]
+        tree = deep_octree(np.random.default_rng(seed), levels)
+        assert {key.lod for key in tree.leaves} == set(range(levels))
+        assert_closed(weld(chunks_of(tree, FIELDS[name](seed), CELLS_DEFAULT)))
 
 
 FAR = LATTICE_MAX // CELLS // 2
@@ -49,6 +61,12 @@ def test_without_a_mask_they_are_open(name):
     assert open_edges(weld(chunks_of(tree, FIELDS[name](3), CELLS, masked=False))) > 10
 
 
+def built(recipe: WorldRecipe, tree: Octree) -> list[tuple[ChunkKey, Mesh]]:
+    """Return the chunks of all leaves, through the field's own levels and its samples of the next one."""
+    shape = ChunkShape(CELLS)
+    return [(key, extract(sample(recipe, key, shape, tree.coarser(key)))) for key in tree.leaves]
+
+
 LOWS = {"planet": (-1, 2, -1), "moon": (-8, -1, -1), "ring": (-12, -1, -1)}
 """Of an octree of three levels from LOD 0 on, where the origin has nothing to see."""
 
@@ -56,16 +74,35 @@ LOWS = {"planet": (-1, 2, -1), "moon": (-8, -1, -1), "ring": (-12, -1, -1)}
 @pytest.mark.parametrize("name", BUILTINS)
 @pytest.mark.parametrize("finest", [0, 5])
 def test_built_in_recipes_are_closed(name, finest):
-    """Through the field's own levels, and its samples of the next one. Three levels: LODs 0 to 2, or 5 to 7."""
+    """Three levels: LODs 0 to 2, or 5 to 7."""
     recipe = WorldRecipe(3, builtin(name))
     tree = random_octree(
         np.random.default_rng(1), 3, 0.3, LOWS.get(name, (-1, -1, -1)) if not finest else (-1,) * 3, finest
     )
     assert {key.lod - finest for key in tree.leaves} == {0, 1, 2}
-    shape = ChunkShape(CELLS)
-    chunks = [(key, extract(sample(recipe, key, shape, tree.coarser(key)))) for key in tree.leaves]
+    chunks = built(recipe, tree)
     assert_closed(weld(chunks))
     assert finest or sum(not mesh.is_empty for _, mesh in chunks) > 3
+
+
+QUARTER = LATTICE_MAX // 4 // (2 * CELLS)
+"""Chunks of LOD 1 from the origin to 2**38 voxels."""
+
+
+@pytest.mark.parametrize(
+    ("name", "low"),
+    [
+        ("caves", (QUARTER, -QUARTER, QUARTER)),
+        ("caves", (-QUARTER, QUARTER, -QUARTER)),
+        ("terrain", (QUARTER, -1, -QUARTER)),
+        ("terrain", (-QUARTER, -1, QUARTER)),
+    ],
+)
+def test_built_in_recipes_are_closed_far_from_the_origin(name, low):
+    tree = random_octree(np.random.default_rng(5), 2, 0.4, low)
+    chunks = built(WorldRecipe(3, builtin(name)), tree)
+    assert_closed(weld(chunks))
+    assert sum(not mesh.is_empty and tree.coarser(key) > 0 for key, mesh in chunks) > 3
 
 
 def blocks(rng, mask):
