@@ -1,17 +1,17 @@
-"""One chunk's samples: noise against numpy, the lattice, far away, and what is refused."""
+"""One chunk's samples: noise against numpy, the lattice, far away, what is refused, and what is proved instead."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from chunkserver.errors import BadKey, BadParameter
-from chunkserver.field import densities, sample
+from chunkserver.field import densities, prove, sample
 from chunkserver.field.interpreter import SLAB_POINTS
 from chunkserver.field.noise.names import noise_name
 from chunkserver.grid import ChunkKey, ChunkShape
 from chunkserver.recipe import WorldRecipe, builtin
 from tests.reference import field_oracle
-from tests.unit.field.chunks import KEY, SEED, SHAPE, density, lattice
+from tests.unit.field.chunks import KEY, SEED, SHAPE, density, lattice, recipe
 
 
 def noise_of(basis: str, frequency: float, salt: int, octave: int, at: tuple[NDArray[np.float64], ...]):
@@ -111,3 +111,34 @@ def test_densities_at_lattice_points_are_the_samples(name, lod):
     found = densities(recipe, lod, points[order].astype(np.float64))
     assert np.array_equal(found, samples.reshape(-1)[order])
     assert densities(recipe, lod, np.empty((0, 3))).shape == (0,)
+
+
+GONE_AT_LOD_1 = {"op": "detail", "a": {"op": "sphere", "radius": 64}, "factor": 1 / 16}
+"""A ball of rock at LOD 0; from LOD 1 on there is none."""
+BESIDE = {"op": "subtract", "a": {"op": "x"}, "b": 17.5}
+"""Rock in all samples of the chunk at the origin, apron included; the next level's reach as far as x = 18."""
+ORIGIN, INSIDE = ChunkKey(0, 0, 0, 0), ChunkKey(0, 1, 1, 1)
+
+
+def inside_out(tree: object) -> object:
+    return {"op": "subtract", "a": 0, "b": tree}
+
+
+@pytest.mark.parametrize(
+    ("tree", "key", "mask", "proven"),
+    [
+        (BESIDE, ORIGIN, 1, True),
+        (BESIDE, ORIGIN, 2, False),
+        (BESIDE, ORIGIN, 63, False),
+        (GONE_AT_LOD_1, INSIDE, 1, False),
+        (GONE_AT_LOD_1, INSIDE, 63, False),
+    ],
+)
+def test_a_chunk_is_proved_by_its_own_level_and_the_next(tree, key, mask, proven):
+    for world, content in ((recipe(tree), "rock"), (recipe(inside_out(tree)), "air")):
+        assert prove(world, key, SHAPE) == content
+        assert prove(world, key, SHAPE, mask) == (content if proven else None)
+        samples = sample(world, key, SHAPE, mask)
+        assert samples.coarse is not None
+        assert ((samples.density < 0) == (content == "rock")).all()
+        assert ((samples.coarse < 0) == (content == "rock")).all() == proven
