@@ -84,6 +84,19 @@ def test_a_skirt_goes_on_where_the_surface_ends(cells):
         assert np.isin(upper, b * count + a).all()
 
 
+@pytest.mark.parametrize("normals", ["int8", "float32"])
+def test_a_lower_end_has_the_normal_of_the_vertex_that_it_hangs_from(normals):
+    plain, skirted = both(sample(WorldRecipe(7, builtin("terrain")), ChunkKey(0, 0, -1, 0), ChunkShape(32)), normals)
+    surface = len(plain.positions)
+    hanging: dict[int, set[int]] = {}
+    for triangle in skirted.triangles[len(plain.triangles) :].tolist():
+        for lower in (corner for corner in triangle if corner >= surface):
+            hanging.setdefault(lower, set()).update(corner for corner in triangle if corner < surface)
+    assert len(hanging) > 50
+    for lower, owners in hanging.items():
+        assert tuple(skirted.normals[lower]) in {tuple(skirted.normals[owner]) for owner in owners}
+
+
 def in_air(wide, plain, skirted):
     """Return what share of places on skirts is in the air by more than a tenth of a cell.
 
@@ -142,6 +155,11 @@ def test_a_skirt_hangs_down_from_a_plain():
     assert set(new[:, 1]) == {POSITION_LOW + 1024 * 33 // 2 - HEIGHT_CELLS * 1024}
     skirts = len(skirted.triangles) - len(plain.triangles)
     assert 4 * 32 < skirts < 4 * 32 * 2, "some have one lower end for two vertices"
+    corners, ends = np.unique(
+        new[np.isin(new, (POSITION_LOW, POSITION_HIGH)).sum(axis=1) == 2], axis=0, return_counts=True
+    )
+    assert len(corners) == 4
+    assert (ends == 2).all(), "where two faces meet, each skirt has an end of its own"
     a, b, c = (skirted.positions[skirted.triangles[len(plain.triangles) :, i], :3].astype(int) for i in range(3))
     turned = np.cross(b - a, c - a)
     outwards = (a + b + c) - 3 * (POSITION_LOW + POSITION_HIGH) // 2
