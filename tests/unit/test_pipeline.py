@@ -5,6 +5,7 @@ import pickle
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from chunkserver import pipeline
@@ -13,7 +14,7 @@ from chunkserver.field import sample
 from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import LOD_MAX, ChunkKey, ChunkShape
 from chunkserver.mesher import extract
-from chunkserver.pipeline import STAGES, ChunkRequest, build_chunk, check_request, generator
+from chunkserver.pipeline import STAGES, ChunkRequest, build_chunk, build_mesh, check_request, generator
 from chunkserver.recipe import WorldRecipe, builtin, canonical
 from chunkserver.wire import FORMATS, Encoding, Placement, encode
 from tests.worlds import crowded
@@ -195,6 +196,29 @@ def test_an_empty_chunk_has_nothing_to_close(mask):
     world = WorldRecipe(7, builtin("hills"))
     chunks = [build_chunk(ChunkRequest(world, ChunkKey(0, 0, y, 0), coarser=mask)) for y in (9, -9)]
     assert [chunk.content for chunk in chunks] == ["air", "rock"]
+
+
+def test_rock_beside_air_of_the_next_level_has_a_surface():
+    """A ball that is gone from LOD 1 on: all rock, and fitted to a neighbour that is all air."""
+    ball = {"op": "detail", "a": {"op": "sphere", "radius": 64}, "factor": 1 / 16}
+    request = ChunkRequest(WorldRecipe(7, canonical(ball)), ChunkKey(0, 1, 1, 1), 16)
+    assert build_chunk(request).content == "rock"
+    assert build_chunk(replace(request, coarser=1)).content == "surface"
+
+
+@pytest.mark.parametrize("lod", [0, 2])
+@pytest.mark.parametrize("name", ["floating-islands", "city"])
+def test_worlds_of_thin_parts_have_skirts_too(name, lod):
+    recipe, surfaces = WorldRecipe(7, builtin(name)), 0
+    for y in range(-2, 3):
+        request = ChunkRequest(recipe, ChunkKey(lod, 0, y, 0), seam="none")
+        plain, skirted = build_mesh(request), build_mesh(replace(request, seam="skirts"))
+        assert skirted.content == plain.content
+        assert np.array_equal(skirted.positions[: len(plain.positions)], plain.positions)
+        assert np.array_equal(skirted.normals[: len(plain.normals)], plain.normals)
+        assert np.array_equal(skirted.triangles[: len(plain.triangles)], plain.triangles)
+        surfaces += len(skirted.triangles) > len(plain.triangles) > 0
+    assert surfaces > 0
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
