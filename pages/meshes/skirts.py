@@ -51,7 +51,7 @@ that faces the air.
 - A **wall** is a pixel that shows a skirt, from either side, where a front would be seen without it, or where the
   closed surface is more than 2 voxels nearer or farther, or nowhere. Nearer than 0.05 voxels is the same place.
 - **Background** are pixels of the closed surface itself that show nothing and have surface all around, **folds** those
-  that show the rock's side of it: edges of silhouettes, where a rasteriser rounds.
+  that show the rock's side of it: where a rasteriser rounds, or a border between levels leans over.
 
 Where levels are two apart, no transitions close them: holes are counted where chunks of all levels would show a front,
 from eyes that see no sky, and walls are those that hide a front.
