@@ -267,29 +267,35 @@ def warm() -> Warmth:
 def _compile_in_two() -> None:
     """Compile what takes longest here and the rest in a process beside: on two cores all is ready a third sooner.
 
-    If that process fails or is late, this one compiles the rest too: then both write the same code into the same files,
-    each of which is put in place at once.
+    Skirts come last here: by then the mesher that they are drawn for is on disk. If the process beside fails or is
+    late, this one compiles the rest too: then both write the same code into the same files, each of which is put in
+    place at once.
     """
     with subprocess.Popen(COMPILE_REST) as beside:
         try:
             compile_interpreter()
+            _extract_ball(skirts=True)
         finally:
             beside.wait()
 
 
 def compile_rest() -> None:
-    """Compile, beside the field's interpreter, the rest: what the field says, and every mesher on a ball."""
+    """Compile, beside the field's interpreter, the rest: every mesher, and what else the field says."""
+    _extract_ball()
+    _extract_ball(MASK_MAX)
     compile_beside()
+
+
+def _extract_ball(mask: int = 0, skirts: bool = False) -> None:
+    """Extract an eighth of a ball, which meets three faces, with every mesher and kind of normals."""
     shape = ChunkShape(min(CELLS_BUILT))
-    along = np.arange(shape.samples, dtype=np.float32) - np.float32(shape.samples / 2)
+    along = np.arange(shape.samples, dtype=np.float32) - np.float32(shape.apron)
     squares = along[:, None, None] ** 2 + along[:, None] ** 2 + along**2
-    ball = Samples(shape, np.sqrt(squares) - np.float32(shape.cells / 4))
-    coarse = np.zeros(coarse_box(shape.cells, MASK_MAX).shape, np.float32)
-    between = Samples(shape, ball.density, MASK_MAX, coarse)
+    coarse = np.zeros(coarse_box(shape.cells, mask).shape, np.float32) if mask else None
+    ball = Samples(shape, np.sqrt(squares) - np.float32(shape.cells / 2), mask, coarse)
     for mesher in MESHERS:
         for normals in get_args(NormalKind):
-            extract(ball, mesher, normals, skirts=True)
-            extract(between, mesher, normals)
+            extract(ball, mesher, normals, skirts)
 
 
 def warm_requests() -> Iterator[ChunkRequest]:

@@ -180,7 +180,9 @@ def _aim(grid: _Grid, positions: _Places, vertex: int, face_axis: int, rays: _Ra
         rays.down[at, axis] = 0.0 if axis == face_axis else -uphill
         square += rays.down[at, axis] * rays.down[at, axis]
     if square > 0.0:
-        rays.down[at] /= np.sqrt(square)
+        length = np.sqrt(square)
+        for axis in range(3):  # an operation on a row would be as fast, and take four seconds to compile
+            rays.down[at, axis] /= length
     rays.slope[at], rays.height[at] = np.sqrt(slope), HEIGHT_CELLS if square > 0.0 else 0.0
 
 
