@@ -20,7 +20,7 @@ from benchmarks.measure import MS, Figure, Line, Scale, beside_first, in_turns, 
 from benchmarks.scenes import SCENES, SEED, SHAPE, Scene, layers, prepare
 from benchmarks.skipping import CHUNKS, FLIGHTS, STEPS, Flight, cut
 from chunkserver.field import sample
-from chunkserver.grid import FACES, MASK_MAX, ChunkKey
+from chunkserver.grid import FACES, MASK_MAX, ChunkKey, coarser_mask
 from chunkserver.mesher import extract
 from chunkserver.pipeline import SKIRTS, ChunkRequest, build_chunk, build_mesh
 from chunkserver.recipe import WorldRecipe, builtin
@@ -96,18 +96,8 @@ def cut_requests(flight: Flight, count: int) -> tuple[list[ChunkRequest], list[C
     found: dict[ChunkKey, int] = {}
     for step in range(STEPS):
         leaves = set(cut(flight.place(step)))
-        found |= {key: mask_in(leaves, key) for key in sorted(leaves)}
+        found |= {key: coarser_mask(key, leaves) for key in sorted(leaves)}
     recipe = WorldRecipe(SEED, builtin(flight.recipe))
     chosen = random.Random(SEED).sample(list(found.items()), count)
     masked = [ChunkRequest(recipe, key, coarser=mask) for key, mask in chosen]
     return [replace(each, coarser=0) for each in masked], masked
-
-
-def mask_in(leaves: set[ChunkKey], key: ChunkKey) -> int:
-    """Return the mask of the faces of a leaf behind which there is a coarser one."""
-    mask = 0
-    for face in range(FACES):
-        place = list(key[1:])
-        place[face // 2] += 1 if face & 1 else -1
-        mask |= (ChunkKey(key.lod + 1, *(at >> 1 for at in place)) in leaves) << face
-    return mask

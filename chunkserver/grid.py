@@ -13,6 +13,7 @@ Vertices live on a finer lattice inside the chunk: u16 units, the low chunk face
 that a margin of cells/2 cells on both sides can hold skirts (see `mesh.py`).
 """
 
+from collections.abc import Set
 from typing import Final, NamedTuple
 
 from chunkserver.errors import BadKey, BadParameter
@@ -87,6 +88,16 @@ class ChunkKey(NamedTuple):
         """Lattice coordinates (x, y, z), in voxels, of the chunk's low corner. Exact integers."""
         side = cells << self.lod
         return self.x * side, self.y * side, self.z * side
+
+
+def coarser_mask(key: ChunkKey, leaves: Set[ChunkKey]) -> int:
+    """Return which faces of a chunk have a coarser one of `leaves` behind them: bits -x +x -y +y -z +z."""
+    mask = 0
+    for face in range(FACES):
+        place = list(key[1:])
+        place[face // 2] += 1 if face & 1 else -1
+        mask |= (ChunkKey(key.lod + 1, *(at >> 1 for at in place)) in leaves) << face
+    return mask
 
 
 def check_key(key: ChunkKey, cells: int, lods: int = LOD_MAX + 1, coarser: int = 0) -> None:

@@ -9,7 +9,7 @@ from chunkserver.field.flatten import flatten
 from chunkserver.field.interpreter import SLAB_POINTS, run
 from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.noise.lattice import scratch
-from chunkserver.field.tape import INPUTS
+from chunkserver.field.tape import INPUTS, Tape
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
 from chunkserver.samples import Samples, coarse_box
@@ -43,21 +43,7 @@ def _sample(
     slabs = -(-rows * width // SLAB_POINTS)
     slab = -(-rows * width // slabs)
     density = np.empty((planes, rows * width), np.float32)
-    places, values = np.empty((tape.places, slab)), np.empty((tape.values, slab), np.float32)
-    run(
-        tape.code,
-        tape.numbers,
-        tape.keys,
-        tape.columns,
-        tape.result,
-        low,
-        float(1 << lod),
-        rows,
-        places,
-        values,
-        *scratch(),
-        density,
-    )
+    _run(tape, lod, low, rows, np.empty((tape.places, slab)), density)
     return density.reshape(shape)
 
 
@@ -70,27 +56,26 @@ def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDA
     `BadRecipe` as `sample` does.
     """
     tape = flatten(recipe, lod).tape
-    density = np.empty(len(points), np.float32)
-    places, values = np.empty((tape.places, SLAB_POINTS)), np.empty((tape.values, SLAB_POINTS), np.float32)
-    anywhere, for_noise = np.zeros(3), scratch()
+    density, places, anywhere = np.empty(len(points), np.float32), np.empty((tape.places, SLAB_POINTS)), np.zeros(3)
     for start in range(0, len(points), SLAB_POINTS):
         slab = points[start : start + SLAB_POINTS]
         places[:INPUTS, : len(slab)] = slab.T
-        run(
-            tape.code,
-            tape.numbers,
-            tape.keys,
-            tape.columns,
-            tape.result,
-            anywhere,
-            float(1 << lod),
-            0,
-            places,
-            values,
-            *for_noise,
-            density[None, start : start + SLAB_POINTS],
-        )
+        _run(tape, lod, anywhere, 0, places, density[None, start : start + SLAB_POINTS])
     return density
+
+
+def _run(
+    tape: Tape,
+    lod: int,
+    low: NDArray[np.float64],
+    rows: int,
+    places: NDArray[np.float64],
+    density: NDArray[np.float32],
+) -> None:
+    """Run a level's tape; low, rows, places and density: as in `run`."""
+    values = np.empty((tape.values, places.shape[1]), np.float32)
+    code, step = (tape.code, tape.numbers, tape.keys, tape.columns, tape.result), float(1 << lod)
+    run(*code, low, step, rows, places, values, *scratch(), density)
 
 
 def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Literal["air", "rock"] | None:

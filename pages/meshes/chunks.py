@@ -1,11 +1,11 @@
 """The chunks of a picture: which, and their meshes as a client gets them, out of the bytes that the server sends."""
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from typing import Final, Literal
 
-from chunkserver.grid import FACES, ChunkKey, ChunkShape
+from chunkserver.grid import ChunkKey, ChunkShape, coarser_mask
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe
 from chunkserver_client import ChunkMesh, decode
@@ -67,16 +67,6 @@ def _scaled(key: ChunkKey, times: int, on: int) -> Corner:
     return (key.x + on) * times, (key.y + on) * times, (key.z + on) * times
 
 
-def mask(key: ChunkKey, shown: Set[ChunkKey]) -> int:
-    """Return which faces of a chunk have a coarser one behind them, as the server's `coarser`."""
-    found = 0
-    for face in range(FACES):
-        place = list(key[1:])
-        place[face // 2] += 1 if face & 1 else -1
-        found |= (ChunkKey(key.lod + 1, *(at >> 1 for at in place)) in shown) << face
-    return found
-
-
 def served(recipe: WorldRecipe, keys: Iterable[ChunkKey], seam: Seam = "transitions") -> list[ChunkMesh]:
     """Return the meshes of the chunks that have a surface, decoded.
 
@@ -87,6 +77,6 @@ def served(recipe: WorldRecipe, keys: Iterable[ChunkKey], seam: Seam = "transiti
     if len(wanted) > CHUNKS_MAX:
         raise ValueError(f"{len(wanted)} chunks: a picture has at most {CHUNKS_MAX}")
     shown = set(wanted) if seam == "transitions" else set()
-    requests = [ChunkRequest(recipe, key, coarser=mask(key, shown), seam=seam) for key in wanted]
+    requests = [ChunkRequest(recipe, key, coarser=coarser_mask(key, shown), seam=seam) for key in wanted]
     with ThreadPoolExecutor(THREADS) as pool:  # threads: kernels let go of the interpreter's lock
         return [decode(chunk.body) for chunk in pool.map(build_chunk, requests) if chunk.content == "surface"]

@@ -1,5 +1,6 @@
 """Chunk keys, chunk shapes and the limits of the world."""
 
+import numpy as np
 import pytest
 
 from chunkserver.errors import BadKey, BadParameter
@@ -13,7 +14,9 @@ from chunkserver.grid import (
     ChunkShape,
     check_key,
     check_shape,
+    coarser_mask,
 )
+from tests.octrees import random_octree
 
 
 @pytest.mark.parametrize("cells", CELLS_BUILT)
@@ -81,3 +84,14 @@ def test_the_world_ends_at_its_limits_on_both_sides(cells, lod):
 def test_other_levels_are_refused(lod, lods):
     with pytest.raises(BadKey, match=f"0 to {lods - 1}"):
         check_key(ChunkKey(lod, 0, 0, 0), 32, lods)
+
+
+def test_a_mask_names_the_faces_with_a_coarser_leaf_behind():
+    """By hand, and against a walk through random octrees."""
+    leaves = {ChunkKey(1, -1, 0, 0), ChunkKey(1, 0, 1, 0), ChunkKey(0, 0, 0, 1), ChunkKey(2, 0, 0, -1)}
+    assert coarser_mask(ChunkKey(0, 0, 1, 0), leaves) == 1 + 8
+    for seed in range(3):
+        tree = random_octree(np.random.default_rng(seed), 3, 0.3, (-1, -1, -1))
+        masks = {key: coarser_mask(key, tree.leaves) for key in tree.leaves}
+        assert masks == {key: tree.coarser(key) for key in tree.leaves}
+        assert any(masks.values())
