@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from chunkserver.grid import ChunkKey
-from pages.meshes.chunks import around, mask
+from pages.meshes.chunks import around
 from pages.meshes.skirts import FULL, LOOKOUTS, measure
 from tests.scale import TORTURE
 
@@ -41,8 +40,3 @@ def test_a_lookout_is_filled_once_and_balanced(lookout):
     touch = ((lows[:, None] <= (lows + sides[:, None])) & (lows <= (lows + sides[:, None])[:, None])).all(axis=2)
     rows = np.array([lookout.lods.index(key.lod) for key in keys])
     assert np.abs(rows[:, None] - rows)[touch].max() == 1
-
-
-def test_a_mask_names_the_faces_before_coarser_chunks():
-    shown = {ChunkKey(0, 1, 1, 0), ChunkKey(1, 1, 0, 0), ChunkKey(1, 0, 0, -1), ChunkKey(0, 0, 1, 0)}
-    assert mask(ChunkKey(0, 1, 1, 0), shown) == 2 + 16
