@@ -19,6 +19,10 @@ Policy, argued once:
   new digest is a new folder, so nothing stale can be found. Recipes are left out of it: they are what kernels run, not
   what they are made of (`tests/house/test_kernels.py`), so a new built-in compiles nothing.
 
+One instruction is written out for the compiler, `lanes_below`: many comparisons at once, which it does not find by
+itself. It is plain vector code of its intermediate language, so any processor has it, and a Python function where
+nothing is compiled.
+
 `SOURCES_DIGEST` covers every source that the bytes of a chunk depend on, and is part of the generator version. The CPU
 is not part of it: the bits are the same on all of them.
 """
@@ -30,11 +34,13 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import numba
+import numba.extending
 import numpy as np
 import platformdirs
+from llvmlite import ir  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 _log: Final = logging.getLogger(__name__)
@@ -98,6 +104,43 @@ def spliced(function: _Function) -> _Function:
     """Copy `function` into each of the kernels that call it, as if it stood there: for what only calls kernels."""
     jitted: _Function = numba.njit(**_SPLICED)(function)
     return jitted
+
+
+LANES: Final = 16
+"""How many values `lanes_below` compares."""
+
+
+def _lanes_below(values: NDArray[np.float32], at: np.uint64, limit: np.float32) -> np.uint64:
+    """Return which of the `LANES` values from index `at` on are below `limit`: bit k for `values[at + k]`.
+
+    values: (n,) float32, C order. All of `values[at]` to `values[at + LANES - 1]` must exist: it is not checked.
+    """
+    flags = 0
+    for lane in range(LANES):
+        flags |= int(values[int(at) + lane] < limit) << lane
+    return np.uint64(flags)
+
+
+def _vector_below(_typing: Any, values: Any, at: Any, limit: Any) -> Any:
+    """Return the signature of `lanes_below` and what writes it in the compiler's intermediate language."""
+    vector = ir.VectorType(ir.FloatType(), LANES)
+
+    def write(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[Any]) -> Any:
+        start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        first = builder.bitcast(builder.gep(start, [arguments[1]]), vector.as_pointer())
+        loaded = builder.load(first, align=4)
+        one = builder.insert_element(ir.Constant(vector, ir.Undefined), arguments[2], ir.IntType(32)(0))
+        all_alike = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+        flags = builder.fcmp_ordered("<", loaded, builder.shuffle_vector(one, one, all_alike))
+        return builder.zext(builder.bitcast(flags, ir.IntType(LANES)), ir.IntType(64))
+
+    return numba.uint64(values, at, limit), write
+
+
+_Below = Callable[[NDArray[np.float32], np.uint64, np.float32], np.uint64]
+_IS_COMPILED: Final = not getattr(numba.config, "DISABLE_JIT")  # noqa: B009 - numba's types know no settings
+
+lanes_below: Final[_Below] = cast(_Below, numba.extending.intrinsic(_vector_below)) if _IS_COMPILED else _lanes_below
 
 
 def kept(name: str, make: Callable[[], Sequence[NDArray[Any]]]) -> list[NDArray[Any]]:

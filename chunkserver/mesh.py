@@ -20,6 +20,21 @@ POSITION_W: Final = 65535
 """The fourth component of every position: padding that keeps a vertex on 8 bytes and reads as 1.0 when normalised."""
 
 
+VERTICES_U16_MAX: Final = 65535
+"""The most vertices that 16-bit indices are used for. Index 65535, which restarts strips in some graphics interfaces,
+then never occurs."""
+
+
+def index_type(vertices: int) -> type[np.uint16 | np.uint32]:
+    """Return the type of the indices of a mesh with so many vertices: uint16 up to `VERTICES_U16_MAX`, then uint32."""
+    return np.uint16 if vertices <= VERTICES_U16_MAX else np.uint32
+
+
+def as_indices(triangles: NDArray[np.uint32], vertices: int) -> NDArray[np.uint16] | NDArray[np.uint32]:
+    """Return a copy of `triangles` in the type that a mesh with so many vertices has them in."""
+    return triangles.astype(np.uint16) if index_type(vertices) is np.uint16 else triangles.copy()
+
+
 @dataclass(frozen=True, slots=True)
 class Mesh:
     """An indexed triangle mesh of one chunk.
@@ -27,13 +42,13 @@ class Mesh:
     content: "surface", or "air" or "rock" for a chunk that the surface does not cross (then all arrays are empty).
     positions: (V, 4) uint16, C order, lattice units, chunk frame (x, y, z, 65535).
     normals: (V, 4) int8, round(127 * unit normal), fourth 0 - or (V, 3) float32, unit length. Both point into the air.
-    triangles: (T, 3) uint32, counter-clockwise seen from the air.
+    triangles: (T, 3) `index_type`, C order, counter-clockwise seen from the air.
     """
 
     content: Content
     positions: NDArray[np.uint16]
     normals: NDArray[np.int8] | NDArray[np.float32]
-    triangles: NDArray[np.uint32]
+    triangles: NDArray[np.uint16] | NDArray[np.uint32]
 
     @property
     def is_empty(self) -> bool:
@@ -46,7 +61,7 @@ def _empty(content: Content) -> Mesh:
         content,
         positions=np.empty((0, 4), np.uint16),
         normals=np.empty((0, 4), np.int8),
-        triangles=np.empty((0, 3), np.uint32),
+        triangles=np.empty((0, 3), np.uint16),
     )
 
 

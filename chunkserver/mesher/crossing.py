@@ -3,11 +3,12 @@
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from chunkserver.kernel import inlined
+from chunkserver.kernel import inlined, lanes_below
 
 ISOVALUE: Final = np.float32(0)
-"""Below is rock; exactly at it, or above, is air. `is_rock` has the only comparison."""
+"""Below is rock; exactly at it, or above, is air. `is_rock` and `are_rock` have the only comparisons."""
 
 
 @inlined
@@ -17,8 +18,14 @@ def is_rock(density: np.float32) -> bool:
 
 
 @inlined
-def crossing(low: np.float32, high: np.float32, units: int) -> int:
+def are_rock(densities: NDArray[np.float32], at: np.uint64) -> np.uint64:
+    """Return which of `LANES` samples from index `at` on are inside: bit k for sample `at + k`. densities: flat."""
+    return lanes_below(densities, at, ISOVALUE)
+
+
+@inlined
+def crossing(low: np.float32, high: np.float32, units: int) -> np.int32:
     """Return where the density crosses the isovalue between two corners, in lattice units, off both corners."""
     first, last = np.float64(low), np.float64(high)
-    nearest = int(np.floor((np.float64(ISOVALUE) - first) / (last - first) * units + 0.5))
-    return min(max(nearest, 1), units - 1)
+    nearest = np.floor((np.float64(ISOVALUE) - first) / (last - first) * np.float64(units) + 0.5)
+    return np.int32(min(max(nearest, 1.0), np.float64(units) - 1.0))

@@ -69,15 +69,14 @@ def masked_faces(cells: int, apron: int, mask: int) -> NDArray[np.int64]:
 @inlined
 def face_at(faces: NDArray[np.int64], place: int) -> Face:
     """Return a row of `masked_faces`."""
-    row = faces[place]
     return Face(
-        Walk(row[0], row[1], row[2]),
-        Walk(row[3], row[4], row[5]),
-        Walk(row[6], row[7], row[8]),
-        row[9],
-        row[10],
-        row[11],
-        row[12],
+        Walk(faces[place, 0], faces[place, 1], faces[place, 2]),
+        Walk(faces[place, 3], faces[place, 4], faces[place, 5]),
+        Walk(faces[place, 6], faces[place, 7], faces[place, 8]),
+        faces[place, 9],
+        faces[place, 10],
+        faces[place, 11],
+        faces[place, 12],
     )
 
 

@@ -1,45 +1,44 @@
 """Marching cubes on the vertex lattice: indexed, one vertex per crossed edge, no vertex on a corner.
 
-Works on rows along x, as bits. A row of corners is a word of inside flags; a row of edges is the exclusive or of two
-such words, so an empty row costs a few instructions for all its cells:
+Rows along x are words of bits (`rows.py`), so that what the surface does not meet costs a few instructions a row:
 
-    corners  (y, z)      0 0 1 1 1 0 ...     inside flags
-    corners  (y, z+1)    0 1 1 1 0 0 ...
-    z edges  (y, z)      0 1 0 0 1 0 ...     crossed edges: a vertex each
-    x edges  (y, z)      0 1 0 0 1 ...       a row against itself, one place on
+    pack      the inside flags of all corners, 32 at a time
+    list      the runs of crossed edges and of mixed cells; how many vertices and mixed cells that is
+    connect   plane by plane: number the vertices, in the order of the list, and write the triangles of the cells below
+    fill      position and normal of each vertex (`vertices.py`)
 
-Vertices are numbered row by row and axis by axis along the set bits. So a vertex is found again without any index
-buffer: the number of its row's first vertex, plus the count of set bits below it. `_count` fills in the rows and how
-many vertices and triangles there are, so that all arrays are exactly as long as needed; `_fill` writes them.
+A vertex is found again without any index buffer of the whole chunk: cells between two planes of corners have vertices
+on these and between them, so the numbers of two planes are enough.
 
 Source: W. Lorensen and H. Cline, "Marching Cubes" (1987). The cases are our own derivation (`cases.py`).
 """
 
+from functools import cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.grid import POSITION_LOW
 from chunkserver.kernel import inlined, kernel
-from chunkserver.mesh import EMPTY, POSITION_W, Mesh, NormalKind
-from chunkserver.mesher.bits import WORD_BITS, below, first_places, lowest, popcount, without_lowest, words_for
-from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES
+from chunkserver.mesh import EMPTY, Mesh, NormalKind, as_indices
+from chunkserver.mesher.bits import ONE, below, lowest, without_lowest
+from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES, CUBE_TRIANGLES_MAX
 from chunkserver.mesher.cell import CUBE
-from chunkserver.mesher.crossing import crossing, is_rock
-from chunkserver.mesher.normals import edge_normal, store_normal
+from chunkserver.mesher.rows import FLAGS, RUN_BITS, RUN_CELLS, SLOT_X, Words, list_runs, pack, runs_of, slot_bits
 from chunkserver.mesher.transitions import NO_SEAMS, count_seams, fill_seams
+from chunkserver.mesher.vertices import fill_vertices
 from chunkserver.samples import Samples
 
 APRON: Final = 1
 """Samples around the corners: central differences at the border read one."""
 
-EDGE_LOWS: Final = np.array([CUBE.corners[low] for low, _ in CUBE.edges], np.int64)
-"""Where each edge of a cell starts, in cell units from the cell's low corner: (12, 3), x y z."""
+INDICES_MAX: Final = 3 * CUBE_TRIANGLES_MAX
+"""Of one cell."""
+INDICES_MOST: Final = 9
+"""So many are always written, whatever the case: cheaper than to ask each time. Few cells have more."""
 
-_Densities = NDArray[np.float32]
-_Words = NDArray[np.uint64]
-_Numbers = NDArray[np.int64]
+_Slots = NDArray[np.uint32]
+_Indices = NDArray[np.uint32]
 
 
 def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
@@ -49,199 +48,116 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     No triangle has two equal corners or no area; the mesh of any set of chunks of one level is closed but for the set's
     own border (`tests/property/test_closed.py`). Normals are within rounding of the interpolated central differences.
     """
-    shape = samples.shape
-    corners, words = shape.corners, words_for(shape.corners)
-    rows = np.empty((corners, corners, words), np.uint64)
-    edges = np.empty((corners, corners, 3, words), np.uint64)
-    firsts = np.empty((corners, corners, 3, words), np.int64)
-    vertices, triangles = _count(samples.density, shape.apron, rows, edges, firsts)
+    shape, density = samples.shape, samples.density.reshape(-1)
+    corners, runs, bits = shape.corners, runs_of(shape.cells), slot_bits(shape.cells)
+    rows = np.empty((corners, corners, runs), np.uint64)
+    if not pack(density, shape.samples, shape.apron, rows) and not samples.coarser:
+        return EMPTY["rock" if rows[0, 0, 0] & ONE else "air"]
+    firsts = np.empty((corners, corners, runs, 3), np.uint64)
+    edges, cells = np.empty(3 * rows.size + 1, np.uint64), np.empty(rows.size + 1, np.uint64)
+    ends = np.empty((corners, 2), np.uint64)
+    list_runs(rows, bits, firsts, edges, cells, ends)
+    vertices, mixed = ends[-1].tolist()
     seams = count_seams(samples, vertices) if samples.coarser else NO_SEAMS
     every = vertices + len(seams.vertices)
     if every == 0:
-        return EMPTY["rock" if rows[0, 0, 0] & np.uint64(1) else "air"]
-    positions = np.empty((every, 4), np.uint16)
-    as_int8 = np.empty((every if normals == "int8" else 0, 4), np.int8)
-    as_float32 = np.empty((every if normals == "float32" else 0, 3), np.float32)
-    indices = np.empty((triangles + seams.triangles, 3), np.uint32)
-    flat = samples.density.reshape(-1)
-    _fill_vertices(flat, shape.samples, shape.apron, shape.units_per_cell, edges, positions, as_int8, as_float32)
-    _fill_triangles(rows, edges.reshape(-1), firsts.reshape(-1), indices)
+        return EMPTY["rock" if rows[0, 0, 0] & ONE else "air"]
+    slots, indices = np.empty(vertices, np.uint32), np.empty(INDICES_MAX * (mixed + 1), np.uint32)
+    used = _connect(rows, bits, edges, cells, ends, _offsets(bits), slots, indices)
+    positions = np.empty(every, np.uint64)
+    as_int8 = np.empty(every if normals == "int8" else 0, np.uint32)
+    as_float32 = np.empty(3 * every if normals == "float32" else 0, np.float32)
+    strides = _strides(shape.samples)
+    fill_vertices(density, strides, shape.apron, shape.units_per_cell, bits, slots, positions, as_int8, as_float32)
+    places, as_bytes = positions.view(np.uint16).reshape(-1, 4), as_int8.view(np.int8).reshape(-1, 4)
+    as_floats, triangles = as_float32.reshape(-1, 3), indices[:used].reshape(-1, 3)
     if samples.coarser:
-        regular, more = indices[:triangles], indices[triangles:]
-        triangles += fill_seams(samples, seams, edges, firsts, positions, as_int8, as_float32, regular, more)
-    return Mesh("surface", positions, as_int8 if normals == "int8" else as_float32, indices[:triangles])
+        triangles = fill_seams(samples, seams, rows, firsts, places, as_bytes, as_floats, triangles)
+    return Mesh("surface", places, as_bytes if normals == "int8" else as_floats, as_indices(triangles, every))
 
 
-@kernel
-def _count(density: _Densities, apron: int, rows: _Words, edges: _Words, firsts: _Numbers) -> tuple[int, int]:
-    """Fill in the rows of corners and edges, and the number of each row's first vertex.
+@cache
+def _strides(side: int) -> Words:
+    """Return how far apart samples are in x, y and z, `side` a side."""
+    return np.array([1, side * side, side], np.uint64)
 
-    density: (n, n, n), apron included. rows: (y, z, word) out, inside flags. edges: (y, z, axis, word) out, crossed
-    edges by the corner that they start at. firsts: (y, z, axis, word) out.
-    Returns the number of vertices and of triangles.
+
+@cache
+def _offsets(bits: int) -> NDArray[np.int32]:
+    """Return where the numbers of a cell's vertices are, from that of its low corner: (2, 256, 16).
+
+    For cells above even planes and above odd ones, by case; the last is how many indices the case has.
     """
-    corners = rows.shape[0]
-    for y in range(corners):
-        for z in range(corners):
-            _pack(density[y + apron, z + apron, apron : apron + corners], rows[y, z])
-    vertices = _number_vertices(rows, edges, firsts)
-    triangles = 0
-    if vertices > 0:
-        for y in range(corners - 1):
-            for z in range(corners - 1):
-                triangles += _count_triangles(rows, y, z)
-    return vertices, triangles
+    edges = np.where(CUBE_EDGES == 255, 0, CUBE_EDGES)
+    lows = np.array([CUBE.corners[low] for low, _ in CUBE.edges])[edges]
+    plane = np.array([1, -1])[:, None, None] << 2 * bits
+    places = (lows[..., 1] * plane + (lows[..., 2] << bits) + lows[..., 0] << int(SLOT_X)) + (edges >> 2)
+    counts = np.broadcast_to(3 * CUBE_COUNTS[:, None], (2, 256, 1))
+    return np.concatenate([places, counts], axis=2).astype(np.int32)
 
 
 @kernel
-def _pack(densities: _Densities, row: _Words) -> None:
-    """Set the inside flags of one row of corners."""
-    for word in range(row.size):
-        start = word * WORD_BITS
-        flags = np.uint64(0)
-        for place in range(min(WORD_BITS, densities.size - start)):
-            flags |= np.uint64(is_rock(densities[start + place])) << np.uint64(place)
-        row[word] = flags
+def _connect(
+    rows: Words,
+    bits: int,
+    edges: Words,
+    cells: Words,
+    ends: Words,
+    offsets: NDArray[np.int32],
+    slots: _Slots,
+    indices: _Indices,
+) -> int:
+    """Number the vertices and write the triangles. Returns how many indices that are.
 
+    edges, cells, ends: as `list_runs` lists them. offsets: `_offsets`. slots: (V,) out, where each vertex is. indices:
+    out, `INDICES_MAX` for each mixed cell, and as much room behind.
 
-@inlined
-def _one_on(row: _Words, word: int) -> np.uint64:
-    """Return word number `word` of a row, each place showing the flag of the next place."""
-    follows = row[word + 1] << np.uint64(63) if word + 1 < row.size else np.uint64(0)
-    return np.uint64(row[word] >> np.uint64(1) | follows)
-
-
-@kernel
-def _number_vertices(rows: _Words, edges: _Words, firsts: _Numbers) -> int:
-    """Fill in the crossed edges of every row and the number of its first vertex. Returns how many there are."""
-    corners, _, words = rows.shape
-    last, vertices = corners - 1, 0
-    for y in range(corners):
-        for z in range(corners):
-            row = rows[y, z]
-            for axis in range(3):
-                for word in range(words):
-                    crossed = np.uint64(0)
-                    if axis == 0:
-                        crossed = (row[word] ^ _one_on(row, word)) & first_places(last, word)
-                    elif axis == 1 and y < last:
-                        crossed = row[word] ^ rows[y + 1, z, word]
-                    elif axis == 2 and z < last:
-                        crossed = row[word] ^ rows[y, z + 1, word]
-                    edges[y, z, axis, word] = crossed
-                    firsts[y, z, axis, word] = vertices
-                    vertices += popcount(crossed)
-    return vertices
-
-
-@inlined
-def _corner_words(rows: _Words, y: int, z: int, word: int) -> tuple[np.uint64, ...]:
-    """Return the inside flags of a row of cells, one word for each of a cell's eight corners, in corner order."""
-    a, b, c, d = rows[y, z], rows[y + 1, z], rows[y, z + 1], rows[y + 1, z + 1]
-    return (
-        a[word],
-        _one_on(a, word),
-        b[word],
-        _one_on(b, word),
-        c[word],
-        _one_on(c, word),
-        d[word],
-        _one_on(d, word),
-    )
-
-
-@inlined
-def _mixed_cells(corner: tuple[np.uint64, ...], cells: int, word: int) -> np.uint64:
-    """Return which cells of a row have corners on both sides of the surface."""
-    some = corner[0] | corner[1] | corner[2] | corner[3] | corner[4] | corner[5] | corner[6] | corner[7]
-    every = corner[0] & corner[1] & corner[2] & corner[3] & corner[4] & corner[5] & corner[6] & corner[7]
-    return some & ~every & first_places(cells, word)
-
-
-@inlined
-def _case(corner: tuple[np.uint64, ...], place: int) -> int:
-    """Return the case of one cell of a row: bit c is set if corner c is inside."""
-    case = np.uint64(0)
-    for number in range(8):
-        case |= (corner[number] >> np.uint64(place) & np.uint64(1)) << np.uint64(number)
-    return int(np.int64(case))
-
-
-@kernel
-def _count_triangles(rows: _Words, y: int, z: int) -> int:
-    """Return how many triangles a row of cells holds."""
-    triangles = 0
-    for word in range(rows.shape[2]):
-        corner = _corner_words(rows, y, z, word)
-        left = _mixed_cells(corner, rows.shape[0] - 1, word)
-        while left:
-            triangles += CUBE_COUNTS[_case(corner, lowest(left))]
-            left = without_lowest(left)
-    return triangles
-
-
-@kernel
-def _fill_vertices(
-    density: _Densities,
-    side: int,
-    apron: int,
-    units: int,
-    edges: _Words,
-    positions: NDArray[np.uint16],
-    as_int8: NDArray[np.int8],
-    as_float32: NDArray[np.float32],
-) -> None:
-    """Write position and normal of every vertex, in the order in which `_number_vertices` counted them.
-
-    density: flat, `side` samples a side. A flat index and three strides: one address a sample, not three products.
+    An entry loses its lowest flag at a time. The next one is at hand before it is known whether it is wanted: so there
+    is no branch that the machine has to guess.
     """
-    corners, _, _, words = edges.shape
-    plane, cells_per_unit = side * side, 1.0 / units
-    vertex = 0
-    for y in range(corners):
-        for z in range(corners):
-            start = (y + apron) * plane + (z + apron) * side + apron
-            for axis in range(3):
-                along = 1 if axis == 0 else plane if axis == 1 else side
-                for word in range(words):
-                    left = edges[y, z, axis, word]
-                    while left:
-                        x = word * WORD_BITS + lowest(left)
-                        left = without_lowest(left)
-                        low, high = start + x, start + x + along
-                        units_on = crossing(density[low], density[high], units)
-                        positions[vertex, 0] = POSITION_LOW + units * x + (units_on if axis == 0 else 0)
-                        positions[vertex, 1] = POSITION_LOW + units * y + (units_on if axis == 1 else 0)
-                        positions[vertex, 2] = POSITION_LOW + units * z + (units_on if axis == 2 else 0)
-                        positions[vertex, 3] = POSITION_W
-                        normal = edge_normal(density, low, high, side, plane, units_on * cells_per_unit)
-                        store_normal(normal, vertex, as_int8, as_float32)
-                        vertex += 1
+    numbers = np.empty(2 << 2 * bits + int(SLOT_X), np.uint32)
+    ring = below(np.uint64(2 * bits + 1) + SLOT_X)
+    vertex, mixed, at = np.uint64(0), np.uint64(0), np.uint64(0)
+    edge, next_edge, edges_read = edges[0], edges[1], np.uint64(1)
+    cell, next_cell, cells_read = cells[0], cells[1], np.uint64(1)
+    for y in range(rows.shape[0]):
+        while vertex < ends[y, 0]:
+            slot = (edge >> RUN_BITS) + (lowest(edge) << SLOT_X)
+            slots[vertex] = slot
+            numbers[slot & ring] = vertex
+            vertex += ONE
+            edge = without_lowest(edge)
+            done = edge & FLAGS == np.uint64(0)
+            edge = next_edge if done else edge
+            edges_read += np.uint64(done)
+            next_edge = edges[edges_read]
+        while y > 0 and mixed < ends[y - 1, 1]:
+            place = lowest(cell)
+            slot = (cell >> RUN_BITS) + (place << SLOT_X)
+            of_case = offsets[(y - 1) & 1, _case(rows, y - 1, slot, bits, place)]
+            here = slot & ring
+            for corner in range(INDICES_MOST):
+                indices[at + np.uint64(corner)] = numbers[here + np.uint64(of_case[corner])]
+            if of_case[INDICES_MAX] > INDICES_MOST:
+                for corner in range(INDICES_MOST, INDICES_MAX):
+                    indices[at + np.uint64(corner)] = numbers[here + np.uint64(of_case[corner])]
+            at += np.uint64(of_case[INDICES_MAX])
+            mixed += ONE
+            cell = without_lowest(cell)
+            done = cell & FLAGS == np.uint64(0)
+            cell = next_cell if done else cell
+            cells_read += np.uint64(done)
+            next_cell = cells[cells_read]
+    return int(np.int64(at))
 
 
-@kernel
-def _fill_triangles(rows: _Words, edges: _Words, firsts: _Numbers, triangles: NDArray[np.uint32]) -> None:
-    """Write the triangles of every cell. edges, firsts: as `_count` fills them in, flat."""
-    corners, _, words = rows.shape
-    row, plane = 3 * words, 3 * words * corners
-    # Where the words of each edge of a cell lie, from those of the cell's low corner.
-    rows_on = np.empty(12, np.int64)
-    for edge in range(12):
-        rows_on[edge] = EDGE_LOWS[edge, 1] * plane + EDGE_LOWS[edge, 2] * row + (edge >> 2) * words
-    at = 0
-    for y in range(corners - 1):
-        for z in range(corners - 1):
-            for word in range(words):
-                corner = _corner_words(rows, y, z, word)
-                left = _mixed_cells(corner, corners - 1, word)
-                while left:
-                    place = lowest(left)
-                    left = without_lowest(left)
-                    case = _case(corner, place)
-                    for triangle in range(CUBE_COUNTS[case]):
-                        for vertex in range(3):
-                            edge = CUBE_EDGES[case, 3 * triangle + vertex]
-                            x = word * WORD_BITS + place + EDGE_LOWS[edge, 0]
-                            of_row = y * plane + z * row + rows_on[edge] + (x >> 6)
-                            triangles[at, vertex] = firsts[of_row] + popcount(edges[of_row] & below(x & 63))
-                        at += 1
+@inlined
+def _case(rows: Words, y: int, slot: np.uint64, bits: int, place: np.uint64) -> int:
+    """Return the case of a cell, the `place`-th of its run: bit c is set if corner c is inside."""
+    z = slot >> np.uint64(bits) + SLOT_X & below(np.uint64(bits))
+    run = (slot >> SLOT_X & below(np.uint64(bits))) // np.uint64(RUN_CELLS)
+    a, b = rows[y, z, run], rows[y + 1, z, run]
+    c, d = rows[y, z + ONE, run], rows[y + 1, z + ONE, run]
+    pair = np.uint64(3)
+    case = a >> place & pair | (b >> place & pair) << np.uint64(2)
+    return int(np.int64(case | (c >> place & pair) << np.uint64(4) | (d >> place & pair) << np.uint64(6)))

@@ -14,9 +14,12 @@ from chunkserver.kernel import inlined
 
 INT8_SCALE: Final = 127.0
 
+_Vector = tuple[float, float, float]
+_Index = int | np.uint64
+
 
 @inlined
-def gradient(density: NDArray[np.float32], at: int, row: int, plane: int) -> tuple[float, float, float]:
+def gradient(density: NDArray[np.float32], at: _Index, row: _Index, plane: _Index) -> tuple[float, float, float]:
     """Return twice the density's gradient (x, y, z) per cell at the flat index `at`, by central differences.
 
     density: flat, axes (y, z, x). row, plane: how far apart neighbours in z and in y are.
@@ -30,30 +33,41 @@ def gradient(density: NDArray[np.float32], at: int, row: int, plane: int) -> tup
 
 @inlined
 def edge_gradient(
-    density: NDArray[np.float32], low: int, high: int, row: int, plane: int, t: float
+    density: NDArray[np.float32], low: _Index, high: _Index, row: _Index, plane: _Index, t: float
 ) -> tuple[float, float, float]:
     """Return twice the gradient per cell at `t` along the edge from the flat index `low` to `high`. Others as above."""
-    ax, ay, az = gradient(density, low, row, plane)
-    bx, by, bz = gradient(density, high, row, plane)
-    return ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)
+    return between(gradient(density, low, row, plane), gradient(density, high, row, plane), t)
+
+
+@inlined
+def between(a: _Vector, b: _Vector, t: float) -> _Vector:
+    """Return what is at `t` on the way from one vector to another."""
+    return a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])
+
+
+@inlined
+def unit(vector: _Vector) -> tuple[float, float, float, float]:
+    """Return a vector's direction, of length 1, and the square of its length: if that is 0, so is the direction."""
+    x, y, z = vector
+    square = x * x + y * y + z * z
+    length = np.sqrt(square) if square > 0.0 else 1.0
+    return x / length, y / length, z / length, square
 
 
 @inlined
 def edge_normal(
-    density: NDArray[np.float32], low: int, high: int, row: int, plane: int, t: float
+    density: NDArray[np.float32], low: _Index, high: _Index, row: _Index, plane: _Index, t: float
 ) -> tuple[float, float, float]:
     """Return the unit normal at `t` along the crossed edge from the flat index `low` to `high`. Others as `gradient`.
 
     Where the interpolated gradient is zero, it is the edge's direction towards its air corner.
     """
-    nx, ny, nz = edge_gradient(density, low, high, row, plane, t)
-    square = nx * nx + ny * ny + nz * nz
+    nx, ny, nz, square = unit(edge_gradient(density, low, high, row, plane, t))
     if square == 0.0:
         towards_air = 1.0 if density[high] > density[low] else -1.0
         along = high - low
         return towards_air * (along == 1), towards_air * (along == plane), towards_air * (along == row)
-    length = np.sqrt(square)
-    return nx / length, ny / length, nz / length
+    return nx, ny, nz
 
 
 @inlined
@@ -73,12 +87,14 @@ def twin_normal(
     """
     ax, ay, az = gradient(fine, at, row, plane)
     bx, by, bz = gradient(coarse, coarse_at, coarse_row, coarse_plane)
-    nx, ny, nz = 2.0 * ax + bx, 2.0 * ay + by, 2.0 * az + bz
-    square = nx * nx + ny * ny + nz * nz
-    if square == 0.0:
-        return 0.0, 1.0, 0.0
-    length = np.sqrt(square)
-    return nx / length, ny / length, nz / length
+    nx, ny, nz, square = unit((2.0 * ax + bx, 2.0 * ay + by, 2.0 * az + bz))
+    return (nx, ny, nz) if square > 0.0 else (0.0, 1.0, 0.0)
+
+
+@inlined
+def as_byte(part: float) -> np.int32:
+    """Return a component of a unit normal in units of 1 / 127, rounded half up."""
+    return np.int32(np.floor(part * INT8_SCALE + 0.5))
 
 
 @inlined
@@ -88,7 +104,7 @@ def store_normal(
     """Write a unit normal into whichever of the two arrays has rows, in that array's type."""
     if as_int8.shape[0] > 0:
         for axis in range(3):
-            as_int8[vertex, axis] = np.int8(np.floor(normal[axis] * INT8_SCALE + 0.5))
+            as_int8[vertex, axis] = np.int8(as_byte(normal[axis]))
         as_int8[vertex, 3] = 0
     else:
         for axis in range(3):

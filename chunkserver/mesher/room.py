@@ -149,11 +149,12 @@ def _settle(before: _Places, positions: _Places, triangles: _Triangles, moves: N
     for _ in range(SETTLES_MAX):
         turns = False
         for place in range(count):
-            a, b, c = triangles[touched[place]]
+            row = touched[place]
+            a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
             if (moves[a] | moves[b] | moves[c]) & _CHANGED and _is_turned(before, positions, a, b, c):
                 turns = True
-                for vertex in (a, b, c):
-                    moves[vertex] |= _BACK
+                for corner in range(3):
+                    moves[triangles[row, corner]] |= _BACK
         if not turns:
             return True
         for vertex in range(moves.shape[0]):

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from chunkserver.grid import FACES, POSITION_HIGH, POSITION_LOW
 from chunkserver.kernel import inlined, kernel
-from chunkserver.mesh import POSITION_W, Mesh
+from chunkserver.mesh import POSITION_W, Mesh, as_indices
 from chunkserver.mesher.crossing import is_rock
 from chunkserver.mesher.normals import gradient
 from chunkserver.mesher.triangles import has_area
@@ -74,7 +74,8 @@ def with_skirts(mesh: Mesh, samples: Samples) -> Mesh:
     """Return `mesh`, which was extracted from `samples`, with skirts on all six faces of its chunk."""
     shape, surface = samples.shape, len(mesh.triangles)
     edges = np.empty((FACES * SEGMENTS_MAX * shape.cells**2, 3), np.int64)
-    edges = edges[: _list_edges(mesh.positions, mesh.triangles, edges)]
+    plain = mesh.triangles.astype(np.uint32)
+    edges = edges[: _list_edges(mesh.positions, plain, edges)]
     if not len(edges):
         return mesh
     lower, owners = np.full((3, len(mesh.positions)), -1, np.int64), np.empty((2 * len(edges), 2), np.int64)
@@ -87,9 +88,10 @@ def with_skirts(mesh: Mesh, samples: Samples) -> Mesh:
     ends = np.floor((rays.start + rays.height[:, None] * rays.down) * shape.units_per_cell + 0.5) + POSITION_LOW
     positions = np.concatenate([mesh.positions, np.full((len(owners), 4), POSITION_W, np.uint16)])
     positions[len(mesh.positions) :, :3] = ends
-    triangles = np.concatenate([mesh.triangles, np.empty((2 * len(edges), 3), np.uint32)])
+    triangles = np.concatenate([plain, np.empty((2 * len(edges), 3), np.uint32)])
     triangles = triangles[: _fill(positions, edges, lower, surface, triangles)]
-    return Mesh(mesh.content, positions, np.concatenate([mesh.normals, mesh.normals[owners[:, 0]]]), triangles)
+    normals = np.concatenate([mesh.normals, mesh.normals[owners[:, 0]]])
+    return Mesh(mesh.content, positions, normals, as_indices(triangles, len(positions)))
 
 
 @kernel
@@ -239,7 +241,7 @@ def _fill(positions: _Places, edges: _Numbers, lower: _Numbers, surface: int, tr
     for row in range(edges.shape[0]):
         a, b, axis = edges[row, 0], edges[row, 1], edges[row, 2]
         triangles[at, 0], triangles[at, 1], triangles[at, 2] = b, a, lower[axis, a]
-        at += has_area(positions, triangles[at])
+        at += has_area(positions, triangles, at)
         triangles[at, 0], triangles[at, 1], triangles[at, 2] = b, lower[axis, a], lower[axis, b]
-        at += has_area(positions, triangles[at])
+        at += has_area(positions, triangles, at)
     return at

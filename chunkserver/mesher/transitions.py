@@ -33,6 +33,7 @@ from chunkserver.mesher.crossing import crossing, is_rock
 from chunkserver.mesher.faces import Face, Walk, corner_at, face_at, masked_faces
 from chunkserver.mesher.normals import edge_normal, store_normal, twin_normal
 from chunkserver.mesher.room import make_room, room
+from chunkserver.mesher.rows import RUN_CELLS, crossed_edges
 from chunkserver.mesher.triangles import has_three_places
 from chunkserver.samples import Samples, coarse_box
 
@@ -113,18 +114,17 @@ def count_seams(samples: Samples, first: int) -> Seams:
 def fill_seams(
     samples: Samples,
     seams: Seams,
-    edges: _Words,
-    firsts: _Numbers,
+    rows: _Words,
+    firsts: _Words,
     positions: _Places,
     as_int8: NDArray[np.int8],
     as_float32: NDArray[np.float32],
     regular: NDArray[np.uint32],
-    triangles: NDArray[np.uint32],
-) -> int:
-    """Make room in the regular mesh, and write what was counted. Return how many triangles that are.
+) -> NDArray[np.uint32]:
+    """Make room in the regular mesh, and write what was counted. Return its triangles and then those of the seams.
 
-    edges, firsts: of the regular mesh, see `marching_cubes`. positions: (V, 4), its vertices first. regular: its
-    triangles. triangles: out, room for `seams.triangles`; those with two equal corners are left out.
+    rows, firsts: of the regular mesh, see `rows.py`. positions: (V, 4), its vertices first. regular: its triangles.
+    Triangles of the seams with two equal corners are left out.
     """
     shape, mask = samples.shape, samples.coarser
     make_room(samples, positions[: len(positions) - len(seams.vertices)], regular)
@@ -143,7 +143,11 @@ def fill_seams(
         as_int8,
         as_float32,
     )
-    return _fill_triangles(seams.faces, seams.cells, seams.numbers, edges, firsts, positions, *_table()[1:], triangles)
+    triangles = np.empty((len(regular) + seams.triangles, 3), np.uint32)
+    triangles[: len(regular)] = regular
+    more = triangles[len(regular) :]
+    used = _fill_triangles(seams.faces, seams.cells, seams.numbers, rows, firsts, positions, *_table()[1:], more)
+    return triangles[: len(regular) + used]
 
 
 @kernel
@@ -302,8 +306,8 @@ def _fill_triangles(
     faces: _Numbers,
     cells: NDArray[np.int32],
     numbers: NDArray[np.int32],
-    edges: _Words,
-    firsts: _Numbers,
+    rows: _Words,
+    firsts: _Words,
     positions: _Places,
     case_firsts: NDArray[np.uint16],
     case_loops: NDArray[np.uint16],
@@ -321,13 +325,13 @@ def _fill_triangles(
             for row in range(np.int64(loop_firsts[number]), np.int64(loop_firsts[number + 1])):
                 for corner in range(3):
                     edge = int(np.int64(loop_triangles[row, corner]))
-                    triangles[at, corner] = _vertex(face, edge, i, j, numbers, edges, firsts)
-                at += has_three_places(positions, triangles[at])
+                    triangles[at, corner] = _vertex(face, edge, i, j, numbers, rows, firsts)
+                at += has_three_places(positions, triangles, at)
     return at
 
 
 @inlined
-def _vertex(face: Face, edge: int, i: int, j: int, numbers: NDArray[np.int32], edges: _Words, firsts: _Numbers) -> int:
+def _vertex(face: Face, edge: int, i: int, j: int, numbers: NDArray[np.int32], rows: _Words, firsts: _Words) -> int:
     """Return the vertex on an edge of the transition cell at coarse corner (i, j)."""
     kind, u, v = _EDGES[edge, 0], _EDGES[edge, 2], _EDGES[edge, 3]
     axis = face.u if kind == 0 else face.v if kind == 1 else _TWIN
@@ -337,4 +341,6 @@ def _vertex(face: Face, edge: int, i: int, j: int, numbers: NDArray[np.int32], e
     x = p if face.u == 0 else q if face.v == 0 else face.far
     y = p if face.u == 1 else q if face.v == 1 else face.far
     z = p if face.u == 2 else q if face.v == 2 else face.far
-    return int(firsts[y, z, axis, x >> 6] + popcount(edges[y, z, axis, x >> 6] & below(x & 63)))
+    run = min(x // RUN_CELLS, rows.shape[2] - 1)
+    before = crossed_edges(rows, y, z, run)[axis] & below(np.uint64(x - run * RUN_CELLS))
+    return int(np.int64(firsts[y, z, run, axis] + popcount(before)))

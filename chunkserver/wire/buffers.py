@@ -1,4 +1,4 @@
-"""What all formats share about a mesh: whether it can be written, its index buffer, its component types, its bounds."""
+"""What all formats share about a mesh: whether it can be written, its component types, its bounds."""
 
 from typing import Any, Final
 
@@ -6,14 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.errors import WireError
-from chunkserver.mesh import Mesh, NormalKind
+from chunkserver.mesh import Mesh, NormalKind, index_type
 
 VERTICES_MAX: Final = 1 << 24
 TRIANGLES_MAX: Final = 1 << 25
 """More than ten times what a chunk of 64 cells of white noise has."""
-VERTICES_U16_MAX: Final = 65535
-"""The most vertices that 16-bit indices are written for. Index 65535, which restarts strips in some graphics
-interfaces, then never occurs."""
 VERTEX_BYTES_MAX: Final = 24
 """Float32 position and normal."""
 
@@ -22,7 +19,12 @@ assert VERTICES_MAX * VERTEX_BYTES_MAX + TRIANGLES_MAX * 12 < 1 << 31, "file len
 COMPONENT_TYPES: Final = {"int8": 5120, "uint16": 5123, "uint32": 5125, "float32": 5126}
 """By the numbers that OpenGL, WebGL and glTF gave them; the native format uses the same."""
 
-_NORMALS: Final[dict[NormalKind, tuple[int, str]]] = {"int8": (4, "int8"), "float32": (3, "float32")}
+_COMPONENT_TYPES: Final = {np.dtype(name): number for name, number in COMPONENT_TYPES.items()}
+_POSITIONS: Final = np.dtype(np.uint16)
+_NORMALS: Final[dict[NormalKind, tuple[int, np.dtype[Any]]]] = {
+    "int8": (4, np.dtype(np.int8)),
+    "float32": (3, np.dtype(np.float32)),
+}
 
 
 def check_mesh(mesh: Mesh, normals: NormalKind) -> None:
@@ -40,27 +42,22 @@ def check_mesh(mesh: Mesh, normals: NormalKind) -> None:
         raise WireError(f"{vertices} vertices; a mesh has 1 to {VERTICES_MAX}", vertices=vertices)
     if not 0 < triangles <= TRIANGLES_MAX:
         raise WireError(f"{triangles} triangles; a mesh has 1 to {TRIANGLES_MAX}", triangles=triangles)
-    _check_array("positions", mesh.positions, (vertices, 4), "uint16")
+    _check_array("positions", mesh.positions, (vertices, 4), _POSITIONS)
     _check_array("normals", mesh.normals, (vertices, _NORMALS[normals][0]), _NORMALS[normals][1])
-    _check_array("triangles", mesh.triangles, (triangles, 3), "uint32")
+    _check_array("triangles", mesh.triangles, (triangles, 3), np.dtype(index_type(vertices)))
     if (last := int(mesh.triangles.max())) >= vertices:
         raise WireError(f"a triangle names vertex {last} of {vertices}", index=last, vertices=vertices)
 
 
-def _check_array(name: str, array: NDArray[Any], shape: tuple[int, int], dtype: str) -> None:
+def _check_array(name: str, array: NDArray[Any], shape: tuple[int, int], dtype: np.dtype[Any]) -> None:
     if array.shape != shape or array.dtype != dtype or not array.flags.c_contiguous:
         found = f"{array.shape} {array.dtype}"
         raise WireError(f"{name} is {found}; wanted is C-ordered {shape} {dtype}", name=name, found=found)
 
 
-def narrow_indices(mesh: Mesh) -> NDArray[Any]:
-    """Return the triangles as (T, 3) little-endian uint16, or uint32 above `VERTICES_U16_MAX` vertices."""
-    return mesh.triangles.astype("<u2" if len(mesh.positions) <= VERTICES_U16_MAX else "<u4", copy=False)
-
-
 def component_type(array: NDArray[Any]) -> int:
     """Return the number of the type of an array's components, one of `COMPONENT_TYPES`."""
-    return COMPONENT_TYPES[array.dtype.name]
+    return _COMPONENT_TYPES[array.dtype]
 
 
 def bounds(mesh: Mesh) -> tuple[list[int], list[int]]:

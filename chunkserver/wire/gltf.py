@@ -12,7 +12,7 @@ from typing import Any, Final
 from numpy.typing import NDArray
 
 from chunkserver.mesh import Mesh
-from chunkserver.wire.buffers import bounds, component_type, narrow_indices
+from chunkserver.wire.buffers import bounds, component_type
 from chunkserver.wire.encoding import GEOMETRIC_ERROR_NOT_STATED, Encoding, Placement
 
 CONTAINER: Final = struct.Struct("<4s2I")
@@ -32,7 +32,7 @@ _JSON: Final = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 def encode(mesh: Mesh, placement: Placement, encoding: Encoding) -> bytes:
     """Return `mesh` as GLB. An empty mesh gives a node with its place and extras, and no mesh."""
-    buffers = [] if mesh.is_empty else [mesh.positions.astype("<u2", copy=False), mesh.normals, narrow_indices(mesh)]
+    buffers = [] if mesh.is_empty else [mesh.positions, mesh.normals, mesh.triangles]
     return _container(scene_of(mesh, placement, encoding.frame, buffers), buffers)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from chunkserver.grid import POSITION_LOW
 from chunkserver.mesh import Content, Mesh
-from chunkserver.wire.buffers import bounds, component_type, narrow_indices
+from chunkserver.wire.buffers import bounds, component_type
 from chunkserver.wire.encoding import Encoding, Placement
 
 MAGIC: Final = b"CHNK"
@@ -84,9 +84,9 @@ def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[B
 
 def _blocks_std(mesh: Mesh, _placement: Placement) -> list[Block]:
     return [
-        Block(POSITIONS, mesh.positions.astype("<u2", copy=False)),
+        Block(POSITIONS, mesh.positions),
         Block(NORMALS, mesh.normals),
-        Block(INDICES, narrow_indices(mesh).reshape(-1, 1)),
+        Block(INDICES, mesh.triangles.reshape(-1, 1)),
     ]
 
 
@@ -94,9 +94,9 @@ def _blocks_f32(mesh: Mesh, placement: Placement) -> list[Block]:
     """One rounding to float32, of a float64 product that is itself exact when `voxel_size` is a power of two."""
     metres = np.subtract(mesh.positions[:, :3], POSITION_LOW, dtype=np.float64) * placement.unit
     return [
-        Block(POSITIONS, metres.astype("<f4", order="C")),
-        Block(NORMALS, mesh.normals.astype("<f4", copy=False)),
-        Block(INDICES, mesh.triangles.astype("<u4", copy=False).reshape(-1, 1)),
+        Block(POSITIONS, metres.astype(np.float32, order="C")),
+        Block(NORMALS, mesh.normals),
+        Block(INDICES, mesh.triangles.astype(np.uint32, copy=False).reshape(-1, 1)),
     ]
 
 

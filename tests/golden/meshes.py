@@ -72,7 +72,7 @@ FILES = {"chunks.txt": chunk_lines, "seams.txt": seam_lines, "octant.txt": octan
 
 def _described(mesh: Mesh, floats: Mesh) -> tuple[object, ...]:
     """Return content, counts and digests of a mesh. floats: the same one with float32 normals."""
-    arrays = (mesh.positions, mesh.normals, floats.normals, mesh.triangles)
+    arrays = (mesh.positions, mesh.normals, floats.normals, mesh.triangles.astype(np.uint32))
     digests = () if mesh.is_empty else map(_digest, arrays)
     return mesh.content, len(mesh.positions), len(mesh.triangles), *digests
 

@@ -13,7 +13,7 @@ def test_empty_meshes_are_values(content):
     assert mesh.is_empty
     arrays = (mesh.positions, mesh.normals, mesh.triangles)
     assert [array.shape for array in arrays] == [(0, 4), (0, 4), (0, 3)]
-    assert [array.dtype for array in arrays] == [np.dtype(kind) for kind in ("uint16", "int8", "uint32")]
+    assert [array.dtype for array in arrays] == [np.dtype(kind) for kind in ("uint16", "int8", "uint16")]
 
 
 def test_a_mesh_with_a_surface_is_not_empty():

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from chunkserver.errors import BadRequest
 from chunkserver.grid import ChunkKey
-from chunkserver.mesh import EMPTY, Content, Mesh
+from chunkserver.mesh import EMPTY, Content, Mesh, index_type
 from chunkserver.wire import gltf
-from chunkserver.wire.buffers import TRIANGLES_MAX, VERTICES_MAX, narrow_indices
+from chunkserver.wire.buffers import TRIANGLES_MAX, VERTICES_MAX
 from chunkserver.wire.encoding import GEOMETRIC_ERROR_NOT_STATED, Placement, check_placement
 from chunkserver.wire.reading.findings import (
     Fault,
@@ -222,7 +222,7 @@ def _mesh(parts: _Parts) -> Mesh:
     count = _count(parts.scene, 2, 3 * TRIANGLES_MAX)
     if count % 3:
         raise _Broken("$.accessors[2].count", f"is {count}; wanted is a multiple of 3")
-    narrow = narrow_indices(Mesh("surface", *_no_arrays(vertices))).dtype
+    narrow = np.dtype(index_type(vertices))
     used = VERTEX_BYTES * vertices + narrow.itemsize * count
     if used > len(parts.binary):
         raise _Broken(f"byte {parts.at}", f"the BIN chunk has {len(parts.binary)} bytes; the accessors need {used}")
@@ -231,14 +231,8 @@ def _mesh(parts: _Parts) -> Mesh:
         "surface",
         np.frombuffer(parts.binary, "<u2", 4 * vertices).reshape(-1, 4),
         np.frombuffer(parts.binary, np.int8, 4 * vertices, POSITION_STRIDE * vertices).reshape(-1, 4),
-        indices.astype(np.uint32).reshape(-1, 3),
+        indices.reshape(-1, 3),
     )
-
-
-def _no_arrays(vertices: int) -> tuple[NDArray[np.uint16], NDArray[np.int8], NDArray[np.uint32]]:
-    """Return arrays of which only the number of vertices is asked: a view of one row, however many there are."""
-    positions = np.broadcast_to(np.zeros((1, 4), np.uint16), (vertices, 4))
-    return positions, np.zeros((0, 4), np.int8), np.zeros((0, 3), np.uint32)
 
 
 def _count(scene: Any, accessor: int, count_max: int) -> int:
@@ -272,7 +266,7 @@ def _mesh_facts(mesh: Mesh, placement: Placement, at: int) -> dict[str, Any]:
 
 
 def _buffers(mesh: Mesh) -> list[NDArray[Any]]:
-    return [] if mesh.is_empty else [mesh.positions, mesh.normals, narrow_indices(mesh)]
+    return [] if mesh.is_empty else [mesh.positions, mesh.normals, mesh.triangles]
 
 
 def _scene_faults(mesh: Mesh, placement: Placement, frame: str, parts: _Parts) -> Iterator[Fault]:
@@ -301,7 +295,7 @@ def _mesh_faults(mesh: Mesh, parts: _Parts) -> Iterator[Fault]:
     normals_at = parts.at + mesh.positions.nbytes
     indices_at = normals_at + mesh.normals.nbytes
     used = sum(buffer.nbytes for buffer in _buffers(mesh))
-    item = narrow_indices(mesh).itemsize
+    item = mesh.triangles.itemsize
     if len(parts.binary) - used >= gltf.ALIGNMENT or any(parts.binary[used:]):
         yield Fault(
             f"byte {parts.at + used}", f"{len(parts.binary) - used} bytes follow the indices: too many, or not 0"

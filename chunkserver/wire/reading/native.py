@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from chunkserver.errors import BadRequest
 from chunkserver.grid import POSITION_LOW, ChunkKey
+from chunkserver.mesh import index_type
 from chunkserver.wire import native
-from chunkserver.wire.buffers import COMPONENT_TYPES, TRIANGLES_MAX, VERTICES_MAX, VERTICES_U16_MAX
+from chunkserver.wire.buffers import COMPONENT_TYPES, TRIANGLES_MAX, VERTICES_MAX
 from chunkserver.wire.encoding import GEOMETRIC_ERROR_NOT_STATED, Placement, check_placement
 from chunkserver.wire.reading.findings import (
     POSITION_MAX,
@@ -177,8 +178,7 @@ def _wrong_numbers(header: _Fields, length: int) -> Iterator[tuple[str, object]]
 
 
 def _index_bytes(header: _Fields) -> int:
-    narrow = _PROFILES[header["profile"]] == "std" and header["vertex_count"] <= VERTICES_U16_MAX
-    return 2 if narrow else 4
+    return np.dtype(index_type(header["vertex_count"]) if _PROFILES[header["profile"]] == "std" else np.uint32).itemsize
 
 
 def _header_facts(header: _Fields) -> dict[str, Any]:

@@ -106,7 +106,7 @@ def test_arrays_are_the_wires_own(rng):
         arrays = (mesh.positions, mesh.normals, mesh.triangles)
         assert mesh.content == "surface"
         assert not mesh.is_empty
-        assert [array.dtype for array in arrays] == [np.dtype(of) for of in ("uint16", kind, "uint32")]
+        assert [array.dtype for array in arrays] == [np.dtype(of) for of in ("uint16", kind, "uint16")]
         assert [array.shape[1] for array in arrays] == [4, width, 3]
         assert len(mesh.positions) == len(mesh.normals)
         assert all(array.flags.c_contiguous for array in arrays)

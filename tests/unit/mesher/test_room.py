@@ -20,7 +20,7 @@ def pair(samples, mask):
     mesh = extract(Samples(samples.shape, samples.density), normals="float32")
     moved = mesh.positions.copy()
     nothing = np.zeros(coarse_box(samples.shape.cells, mask).shape, np.float32)
-    make_room(Samples(samples.shape, samples.density, mask, nothing), moved, mesh.triangles)
+    make_room(Samples(samples.shape, samples.density, mask, nothing), moved, mesh.triangles.astype(np.uint32))
     return mesh, moved
 
 
@@ -76,7 +76,7 @@ def test_no_triangle_is_inverted(name, lod, place, mask):
     mesh, moved = pair(sampled(name, lod, place), mask)
     up = mesh.normals[mesh.triangles].sum(axis=1)
     assert ((cross(mesh.positions, mesh.triangles) * up).sum(axis=1) > 0).all()
-    assert ((cross(moved, mesh.triangles) * up).sum(axis=1) > 0).all()
+    assert ((cross(moved, mesh.triangles.astype(np.uint32)) * up).sum(axis=1) > 0).all()
 
 
 @pytest.mark.parametrize("mask", [2, 12, 63])
@@ -117,7 +117,7 @@ def test_the_order_of_triangles_does_not_matter(rng):
     mesh, moved = pair(samples, 63)
     again = mesh.positions.copy()
     nothing = np.zeros(coarse_box(32, 63).shape, np.float32)
-    make_room(Samples(SHAPE, samples.density, 63, nothing), again, rng.permutation(mesh.triangles))
+    make_room(Samples(SHAPE, samples.density, 63, nothing), again, rng.permutation(mesh.triangles.astype(np.uint32)))
     assert np.array_equal(moved, again)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from chunkserver.grid import CELLS_BUILT, LATTICE_MAX, LOD_MAX, ChunkKey
-from chunkserver.mesh import Mesh, NormalKind
+from chunkserver.mesh import Mesh, NormalKind, as_indices
 from chunkserver.wire import Placement
 
 PLACEMENT = Placement(ChunkKey(2, -3, 0, 5), 32, 0.5, 7, 0)
@@ -24,7 +24,7 @@ def strip(vertices: int, normals: NormalKind = "int8") -> Mesh:
         "surface",
         positions,
         as_bytes if normals == "int8" else directions.astype(np.float32),
-        np.stack([first, first + 1, first + 2], axis=1).astype(np.uint32),
+        as_indices(np.stack([first, first + 1, first + 2], axis=1).astype(np.uint32), vertices),
     )
 
 

@@ -21,7 +21,7 @@ def changed(**arrays: Any) -> Mesh:
 @pytest.mark.parametrize(
     ("mesh", "message"),
     [
-        (changed(triangles=np.array([[0, 1, 4]], np.uint32)), "a triangle names vertex 4 of 4"),
+        (changed(triangles=np.array([[0, 1, 4]], np.uint16)), "a triangle names vertex 4 of 4"),
         (changed(normals=strip(4, "float32").normals), "normals is"),
         (changed(normals=strip(5).normals), "normals is"),
         (changed(positions=FOUR.positions.astype(np.int32)), "positions is"),
@@ -49,7 +49,7 @@ def test_counts_are_limited():
     with pytest.raises(WireError, match=rf"^{2**24 + 1} vertices"):
         encode(changed(positions=np.empty((2**24 + 1, 4), np.uint16)), PLACEMENT)
     with pytest.raises(WireError, match=rf"^{2**25 + 1} triangles"):
-        encode(changed(triangles=np.empty((2**25 + 1, 3), np.uint32)), PLACEMENT)
+        encode(changed(triangles=np.empty((2**25 + 1, 3), np.uint16)), PLACEMENT)
 
 
 @pytest.mark.parametrize("encoding", [Encoding(), Encoding(profile="f32"), Encoding("glb")])
