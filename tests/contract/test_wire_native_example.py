@@ -135,7 +135,7 @@ def test_explained_bytes_are_those_of_the_dump(name: str):
 
 PLACEMENT: Final = Placement(ChunkKey(2, -3, 0, 5), 32, 0.5, revision=7, geometric_error=0.75)
 POSITIONS: Final = [[16384, 20992, 16384], [17408, 20736, 16384], [16384, 20992, 17408], [17408, 20736, 17408]]
-TRIANGLES: Final = np.array([[0, 2, 1], [1, 2, 3]], np.uint32)
+TRIANGLES: Final = np.array([[0, 2, 1], [1, 2, 3]], np.uint16)
 
 
 def quad(normals: np.ndarray) -> Mesh:

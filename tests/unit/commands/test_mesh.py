@@ -13,7 +13,7 @@ import trimesh
 from chunkserver.commands import building, mesh, welding
 from chunkserver.commands.exporting import Placed, export
 from chunkserver.grid import ChunkKey
-from chunkserver.mesh import Mesh
+from chunkserver.mesh import Mesh, as_indices
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.wire import Encoding
@@ -320,7 +320,7 @@ def test_positions_are_the_same_if_all_three_coordinates_are(sides, rng):
         rows_of_axis = positions[axis * len(steps) : (axis + 1) * len(steps)]
         rows_of_axis[:, :3] = 16384 + steps[:, :3]
         rows_of_axis[:, axis] = 16384 + steps[:, 3]
-    triangles = np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
+    triangles = as_indices(np.arange(len(positions), dtype=np.uint32).reshape(-1, 3), len(positions))
     normals = np.zeros((len(positions), 3), np.float32)
     made = Mesh("surface", positions, normals, triangles)
     keys = {ChunkKey(0, 0, 0, 0), high} | {ChunkKey(0, *place) for place in rng.integers(0, sides, (40, 3)).tolist()}
