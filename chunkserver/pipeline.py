@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from chunkserver.errors import BadParameter
-from chunkserver.field import prove, sample
+from chunkserver.field import prove, sample, sample_near_surface
 from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.kernel import SOURCES_DIGEST
@@ -119,9 +119,10 @@ def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _:
 
 
 def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], object]) -> Mesh:
-    samples = sample(request.recipe, request.key, shape, request.coarser)
+    skirts = request.seam == SKIRTS  # they go down into the rock
+    samples = (sample if skirts else sample_near_surface)(request.recipe, request.key, shape, request.coarser)
     stage("mesh")
-    return extract(samples, request.mesher, request.encoding.normals, request.seam == SKIRTS)
+    return extract(samples, request.mesher, request.encoding.normals, skirts)
 
 
 def _placement(request: ChunkRequest) -> Placement:

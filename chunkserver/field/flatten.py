@@ -9,15 +9,14 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from chunkserver.errors import BadRecipe
 from chunkserver.field import ops
-from chunkserver.field.intervals import ALL_FINITE, bounds
+from chunkserver.field.intervals import ALL_FINITE, Bounds, bounds
 from chunkserver.field.noise.names import noise_name
 from chunkserver.field.octaves import write_cellular, write_noise, write_sum
 from chunkserver.field.shapes import LENGTHS
-from chunkserver.field.tape import NONE, Step, Tape, allocate, keep_all
+from chunkserver.field.tape import NONE, Step, Tape, allocate
 from chunkserver.field.writer import Frame, Writer
 from chunkserver.grid import LATTICE_MAX
 from chunkserver.recipe import WorldRecipe, nodes
@@ -27,15 +26,25 @@ FLAT_MAX: Final = 256
 RANDOM_OCTAVE: Final = 1 << 16
 """Names the hash keys of `random`, apart from those of any octave of noise."""
 
-_WORLD: Final = np.array([[-2.0 * LATTICE_MAX, 2.0 * LATTICE_MAX]] * 3)
-"""All that any chunk may sample, apron included, voxels."""
+_WORLD: Final = np.array([[[-2.0 * LATTICE_MAX]] * 3, [[2.0 * LATTICE_MAX]] * 3])
+"""All that any chunk may sample, apron included, voxels: low and high, (2, 3, 1)."""
+EDGE_VOXELS: Final = 1.0
+"""How closely the heights are found from which on all is air or rock."""
 
 
 class Flat(NamedTuple):
-    """A recipe at a level: the tape that is run over samples, and the one that keeps every register, for bounds."""
+    """A recipe at a level: the tape that is run over samples, and the one that keeps every register, for bounds.
+
+    cost: about how many nanoseconds the tape takes a sample, but for what does not depend on y.
+    sky: the least height, voxels, from which on all is air, all over the world; ground: the greatest below which all is
+    rock. Infinite where that is not known.
+    """
 
     tape: Tape
     kept: Tape
+    cost: float
+    sky: float
+    ground: float
 
 
 @lru_cache(maxsize=FLAT_MAX)
@@ -46,23 +55,58 @@ def flatten(recipe: WorldRecipe, lod: int) -> Flat:
     """
     writer = Writer(recipe.seed, lod, WRITERS)
     root = writer.write(recipe.expression, Frame())
-    kept, order = keep_all(writer.steps, root)
-    failed, values = bounds(kept, _WORLD, any_seed=True)
-    if failed != ALL_FINITE:
-        raise BadRecipe.at(writer.paths[order[failed]], "its value, or its point, is not finite all over the world")
-    if lod > 0 and (shown := visible(writer, _by_place(writer, order, kept, values), root)) != root:
+    kept = allocate(writer.steps, root, keep=True)
+    found = bounds(kept, _WORLD[0], _WORLD[1], any_seed=True)
+    if found.failed[0] != ALL_FINITE:
+        path = writer.paths[kept.order[found.failed[0]]]
+        raise BadRecipe.at(path, "its value, or its point, is not finite all over the world")
+    if lod > 0 and (shown := visible(writer, _by_place(writer, kept, found), root)) != root:
         root = shown
-        kept, _ = keep_all(writer.steps, root)
-    return Flat(allocate(writer.steps, root), kept)
+        kept = allocate(writer.steps, root, keep=True)
+    return Flat(allocate(writer.steps, root), kept, _cost(kept), _edge(kept, 1), -_edge(kept, -1))
 
 
-def _by_place(
-    writer: Writer, order: list[int], kept: Tape, values: NDArray[np.float32]
-) -> dict[int, tuple[float, float]]:
+def _cost(tape: Tape) -> float:
+    return math.fsum(ops.NANOSECONDS[op] for op in tape.code[tape.columns :, ops.CODE].tolist())
+
+
+def _by_place(writer: Writer, kept: Tape, found: Bounds) -> dict[int, tuple[float, float]]:
     """Return the bounds of each step that is a value."""
-    registers = zip(order, kept.code[:, ops.OUT].tolist(), strict=True)
-    ends = values.tolist()
-    return {place: tuple(ends[register]) for place, register in registers if not writer.steps[place].is_coordinate}
+    registers = zip(kept.order, kept.code[:, ops.OUT].tolist(), strict=True)
+    low, high = found.low[:, 0].tolist(), found.high[:, 0].tolist()
+    return {
+        place: (low[register], high[register]) for place, register in registers if not writer.steps[place].is_coordinate
+    }
+
+
+def _edge(kept: Tape, up: int) -> float:
+    """Return how high all is air from (up = 1), or how deep all is rock below (up = -1): found by halving, rounded out.
+
+    Infinity if that is not so anywhere in the world, or goes by more than noise's range.
+    """
+    near, far = -2.0 * LATTICE_MAX, 2.0 * LATTICE_MAX
+    if not _is_one(kept, up, far):
+        return math.inf
+    while far - near > EDGE_VOXELS:
+        middle = 0.5 * (near + far)
+        if _is_one(kept, up, middle):
+            far = middle
+        else:
+            near = middle
+    return far
+
+
+def _is_one(kept: Tape, up: int, from_height: float) -> bool:
+    """Whether all of the world above `from_height`, times `up`, is air, or below it rock."""
+    low, high = _WORLD[0].copy(), _WORLD[1].copy()
+    if up > 0:
+        low[1] = from_height
+    else:
+        high[1] = -from_height
+    found = bounds(kept, low, high, any_seed=True)
+    if found.failed[0] != ALL_FINITE:
+        return False
+    return bool(found.low[kept.result, 0] >= 0 if up > 0 else found.high[kept.result, 0] < 0)
 
 
 def visible(writer: Writer, bounds: dict[int, tuple[float, float]], root: int) -> int:

@@ -1,12 +1,15 @@
 """The one compiled interpreter that runs every tape: a dispatch per instruction, a loop over a slab of points inside.
 
-A slab is a part of a horizontal plane, SLAB_POINTS at most, whose registers stay in the first or second level of cache.
-What does not depend on y is worked out once for a slab, the rest for the same slab of each plane above it:
+A slab is some rows of a horizontal plane, SLAB_POINTS at most, whose registers stay in the first or second level of
+cache. What does not depend on y is worked out once for a slab, the rest for the planes that need it:
 
-    for each slab of columns          x, z
-        the leading instructions      what does not depend on y
-        for each plane                y
-            the other instructions
+    for each piece of work
+        if its slab is another one      the leading instructions, for all columns of the slab: x, z
+        for each of its planes: y
+            the instructions of its program, for all columns of the slab or for those that it lists
+
+A piece of work that lists its columns takes what they share from the slab's registers into registers of its own, so the
+loops below run over nothing but the points that are wanted (`field.skipping`).
 """
 
 from typing import Final
@@ -40,16 +43,35 @@ _Words = NDArray[np.uint32]
 _Code = NDArray[np.int32]
 
 
+START: Final = 0
+COUNT: Final = 1
+PROGRAM: Final = 2
+FIRST_PLANE: Final = 3
+LAST_PLANE: Final = 4
+FIRST_COLUMN: Final = 5
+WANTED: Final = 6
+"""Columns of a piece of work: its slab, which points of a plane; its program; its planes, the last one excluded; its
+columns, as a part of a list: how many, or ALL."""
+WORK_COLUMNS: Final = 7
+ALL: Final = -1
+NONE_READY: Final = -1
+
+
 @kernel
 def run(
     code: _Code,
+    starts: _Code,
     numbers: _Doubles,
     keys: _Words,
-    columns: int,
+    shared_places: _Code,
+    shared_values: _Code,
     result: int,
     low: _Doubles,
     step: float,
     rows: int,
+    ready: int,
+    work: _Code,
+    listed: _Words,
     places: _Doubles,
     values: _Floats,
     fractions: _Floats,
@@ -58,32 +80,92 @@ def run(
 ) -> None:
     """Evaluate a tape over a box of points, or over one slab of any points.
 
-    columns: how many leading instructions do not depend on y. result: the value register that holds the density.
+    code, keys: the instructions that do not depend on y, then one or more programs of those that do; starts: where each
+        program starts in them, and the end of the last one. result: the value register that holds the density.
+    shared_places, shared_values: the registers of the slab that programs read.
     low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points. rows: points along z; 0 if
         the points are those whose coordinates are in the first three places already: there is one plane of them then.
-    places: (coordinate registers, slab) and values: (value registers, slab) scratch; `slab` is how many points are done
-        at a time. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
+    ready: the start of the slab whose columns are in the registers already, or NONE_READY.
+    work: (n, WORK_COLUMNS) int32, pieces of one slab one after the other. listed: places of columns in their plane.
+    places: (2, coordinate registers, slab) and values: (2, value registers, slab) scratch, of slabs and of pieces that
+        list their columns. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
     density: (planes, rows * points along x) out, a horizontal plane each, y upwards, z slow and x fast.
     """
     limit = max(DENSITY_MAX, CELLS_MAX * np.float32(step))
     width = density.shape[1] // max(rows, 1)
-    for start in range(0, density.shape[1], places.shape[1]):
-        n = min(places.shape[1], density.shape[1] - start)
-        if rows:
-            _columns(start, width, low, step, places[0, :n], places[2, :n])
-        for plane in range(density.shape[0]):
-            if rows:
-                places[1, :n] = low[1] + step * plane
-            for at in range(0 if plane == 0 else columns, code.shape[0]):
-                _execute(code[at], numbers, keys[at], n, places, values, fractions, words)
-            _clamp(values[result, :n], limit, density[plane, start : start + n])
+    last_start = ready
+    for piece in range(work.shape[0]):
+        start, n = work[piece, START], work[piece, COUNT]
+        first, wanted = work[piece, FIRST_COLUMN], work[piece, WANTED]
+        own = 0 if wanted == ALL else 1
+        if start != last_start and rows:
+            _columns(start, width, low, step, n, places[0, 0], places[0, 2])
+        for plane in range(work[piece, FIRST_PLANE] - (start != last_start), work[piece, LAST_PLANE]):
+            of_slab = start != last_start
+            at_places, at_values = places[0 if of_slab else own], values[0 if of_slab else own]
+            at, end, count = 0, starts[0], n
+            if not of_slab:
+                at, end = starts[work[piece, PROGRAM]], starts[work[piece, PROGRAM] + 1]
+                if own and plane == work[piece, FIRST_PLANE]:
+                    _take(listed, first, wanted, start, shared_places, shared_values, places, values)
+                count = wanted if own else n
+                if rows:
+                    _level(low[1] + step * plane, count, at_places[1])
+            while at < end:
+                _execute(code[at], numbers, keys[at], count, at_places, at_values, fractions, words)
+                at += 1
+            last_start = start
+            if of_slab:
+                continue
+            if own:
+                _place(at_values[result], limit, listed, first, wanted, density[plane])
+            else:
+                _clamp(at_values[result, :n], limit, density[plane, start : start + n])
 
 
 @kernel
-def _columns(start: int, width: int, low: _Doubles, step: float, x: _Doubles, z: _Doubles) -> None:
+def _take(
+    listed: _Words,
+    first: int,
+    wanted: int,
+    start: int,
+    shared_places: _Code,
+    shared_values: _Code,
+    places: _Doubles,
+    values: _Floats,
+) -> None:
+    """Copy what listed columns share from the slab's registers to the second set."""
+    columns = listed[first : first + wanted]
+    for number in range(shared_places.size):
+        place, own_place = places[0, shared_places[number], :], places[1, shared_places[number], :]
+        for i in range(wanted):
+            own_place[i] = place[columns[i] - np.uint64(start)]
+    for number in range(shared_values.size):
+        value, own_value = values[0, shared_values[number], :], values[1, shared_values[number], :]
+        for i in range(wanted):
+            own_value[i] = value[columns[i] - np.uint64(start)]
+
+
+@kernel
+def _level(y: float, count: int, out: _Doubles) -> None:
+    for i in range(count):
+        out[i] = y
+
+
+@kernel
+def _place(values: _Floats, limit: np.float32, listed: _Words, first: int, wanted: int, plane: _Floats) -> None:
+    """Write the densities of listed columns to where they belong in their plane."""
+    columns = listed[first : first + wanted]
+    for i in range(wanted):
+        value = values[i] if values[i] > -limit else -limit
+        plane[np.uint64(columns[i])] = value if values[i] < limit else limit
+
+
+@kernel
+def _columns(start: int, width: int, low: _Doubles, step: float, count: int, x: _Doubles, z: _Doubles) -> None:
     """Write the coordinates of a slab that begins `start` points into its plane."""
     row, place = start // width, start % width
-    for i in range(x.size):
+    for i in range(count):
         x[i], z[i] = low[0] + step * place, low[2] + step * row
         place += 1
         if place == width:

@@ -1,4 +1,4 @@
-"""The same tape over a box instead of a point: bounds that hold for every sample in it.
+"""The same tape over boxes instead of points: bounds that hold for every sample in them.
 
 Bounds are kept in the types of the registers and worked out with the interpreter's own operations. One such operation,
 rounded to nearest, never decreases where its exact result increases, so bounds of it are exact bounds of what is
@@ -8,10 +8,13 @@ the bounds are widened by more than its rounding (SLACK, NOISE_SLACK, DISTANCE_S
 What is bounded by how steep it is starts from its value at the middle of the box, where the interpreter has worked out
 every register. Noise lies within its range, and within its Lipschitz constant times the distance from there: tight
 wherever the box is smaller than a feature. A distance changes by at most as much as the point moves.
+
+Beside its bounds each register has a spread: by how much its value at a point of the box differs at most from its value
+at another point, not farther than a patch reaches along each axis. One sample then says what is around it.
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +22,8 @@ from numpy.typing import NDArray
 from chunkserver.field import ops
 from chunkserver.field.arithmetic import ZERO, piece, smooth_min
 from chunkserver.field.coordinates import cell
-from chunkserver.field.interpreter import run
-from chunkserver.field.noise.lattice import COORDINATE_MAX, scratch
+from chunkserver.field.noise.lattice import COORDINATE_MAX
+from chunkserver.field.points import run_at
 from chunkserver.field.tape import Tape
 from chunkserver.kernel import inlined, kernel
 
@@ -36,31 +39,50 @@ FINITE_MAX: Final = 1e38
 """Values are refused from here on: a third of what float32 holds."""
 ALL_FINITE: Final = -1
 ANYWHERE: Final = math.inf
-"""Distance from the middle at which noise is bounded by its range alone."""
-INFINITE: Final = np.float32(np.inf)
+"""A coordinate that is not known at all; a distance from the middle at which noise is bounded by its range alone."""
+INFINITE: Final = np.float32(ANYWHERE)
+STEEPEST_STEP: Final = 1.5
+"""The slope of 3t^2 - 2t^3 half-way, where it is largest."""
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
 _Code = NDArray[np.int32]
+_Bound = tuple[np.float32, np.float32]
 
 
-def bounds(tape: Tape, box: _Doubles, any_seed: bool = False) -> tuple[int, _Floats]:
-    """Bound every register of a tape over a box.
+class Bounds(NamedTuple):
+    """What is known of a tape's values over n boxes.
 
-    tape: one that keeps every step in a register of its own (`tape.keep_all`).
-    box: (3, 2) float64, low and high of x, y, z, voxels.
-    any_seed: bound noise by its range alone, so that the bounds hold for, and are the same for, every seed.
-
-    Returns ALL_FINITE or the first instruction that is not finite (then nothing after it is bounded), and the bounds:
-    (value registers, 2) float32, low and high.
+    failed: (n,) int32, ALL_FINITE or the first instruction that is not finite: then nothing after it is bounded.
+    low, high: (value registers, n) float32. spread: (value registers, n) float64.
     """
-    middle, at_middle = np.empty((tape.places, 1)), np.empty((tape.values, 1), np.float32)
-    low = 0.5 * box[:, 0] + 0.5 * box[:, 1]
-    density = np.empty((1, 1), np.float32)
-    run(tape.code, tape.numbers, tape.keys, 0, 0, low, 1.0, 1, middle, at_middle, *scratch(), density)
-    places, values = np.empty((tape.places, 2)), np.empty((tape.values, 2), np.float32)
-    places[:3] = box
-    return bound(tape.code, tape.numbers, middle, at_middle, any_seed, places, values), values
+
+    failed: NDArray[np.int32]
+    low: _Floats
+    high: _Floats
+    spread: _Doubles
+
+
+def bounds(tape: Tape, low: _Doubles, high: _Doubles, reach: float = 0.0, any_seed: bool = False) -> Bounds:
+    """Bound every register of a tape over boxes.
+
+    tape: one that keeps every step in a register of its own (`tape.allocate`).
+    low, high: (3, n) float64, corners x, y, z of the boxes, voxels.
+    reach: how far a patch reaches from its middle along each axis, voxels.
+    any_seed: bound noise by its range alone, so that the bounds hold for, and are the same for, every seed.
+    """
+    n = low.shape[1]
+    middle, at_middle = run_at(tape, 0.5 * low + 0.5 * high)
+    places = np.empty((3, tape.places, n))
+    places[0, :3], places[1, :3], places[2, :3] = low, high, reach
+    found = Bounds(
+        np.empty(n, np.int32),
+        np.empty((tape.values, n), np.float32),
+        np.empty((tape.values, n), np.float32),
+        np.empty((tape.values, n)),
+    )
+    bound(tape.code, tape.numbers, middle, at_middle, any_seed, places, *found)
+    return found
 
 
 @kernel
@@ -71,195 +93,295 @@ def bound(
     at_middle: _Floats,
     any_seed: bool,
     places: _Doubles,
-    values: _Floats,
-) -> int:
-    """Write the bounds of every register; return ALL_FINITE or the first instruction that is not finite.
+    failed: _Code,
+    low: _Floats,
+    high: _Floats,
+    spread: _Doubles,
+) -> None:
+    """Write the bounds of every register.
 
-    middle: (coordinate registers, 1), at_middle: (value registers, 1): what they are at the middle of the box.
-    places: (coordinate registers, 2) and values: (value registers, 2) out, but for the first three places, the box.
+    middle: (coordinate registers, n), at_middle: (value registers, n): what they are at the middles of the boxes.
+    places: (3, coordinate registers, n): low, high and spread out, but for the first three registers, the boxes.
+    failed, low, high, spread: out, as in `Bounds`.
     """
-    for at in range(code.shape[0]):
-        row = code[at]
-        op, n = row[ops.CODE], numbers[row[ops.NUMBERS] :]
-        a, b, c = values[row[ops.A]], values[row[ops.B]], values[row[ops.C]]
-        x, y, z = places[row[ops.X]], places[row[ops.Y]], places[row[ops.Z]]
-        if op <= ops.COORDINATE_LAST:
-            if not _move(op, x, y, z, a, n, places[row[ops.OUT]]):
-                return at
-            continue
-        out, here = values[row[ops.OUT]], at_middle[row[ops.OUT], 0]
-        if op <= ops.ARITHMETIC_LAST:
-            _combine(op, a, b, c, x, n, out)
-        else:
-            flat = op in (ops.GRADIENT2, ops.VALUE2, ops.SIMPLEX2, ops.CELLULAR2)
-            dx, dy = _reach(x, middle[row[ops.X], 0]), 0.0 if flat else _reach(y, middle[row[ops.Y], 0])
-            dz = _reach(z, middle[row[ops.Z], 0])
-            radius, farthest = np.sqrt(dx * dx + dy * dy + dz * dz), max(-x[0], x[1], -y[0], y[1], -z[0], z[1])
-            if op <= ops.SHAPE_LAST:
-                _distance(here, radius, farthest, n, out)
-            elif op == ops.RANDOM:
-                known = radius == 0.0 and not any_seed
-                out[0], out[1] = (here, here) if known else (np.float32(-1), np.float32(1))
+    for box in range(failed.size):
+        failed[box] = ALL_FINITE
+        for at in range(code.shape[0]):
+            op, out, a, b, c = code[at, ops.CODE], code[at, ops.OUT], code[at, ops.A], code[at, ops.B], code[at, ops.C]
+            x, y, z, n = code[at, ops.X], code[at, ops.Y], code[at, ops.Z], code[at, ops.NUMBERS]
+            n0, n1, n2 = numbers[n], numbers[n + 1], numbers[n + 2]
+            x0, x1, dx = places[0, x, box], places[1, x, box], places[2, x, box]
+            y0, y1, dy = places[0, y, box], places[1, y, box], places[2, y, box]
+            z0, z1, dz = places[0, z, box], places[1, z, box], places[2, z, box]
+            a0, a1, da = low[a, box], high[a, box], spread[a, box]
+            b0, b1, db = low[b, box], high[b, box], spread[b, box]
+            if op <= ops.COORDINATE_LAST:
+                first, last, moved = _move(op, x0, x1, dx, y0, y1, dy, z0, z1, dz, a0, a1, da, n0, n1, n2)
+                places[0, out, box], places[1, out, box], places[2, out, box] = first, last, moved
+                finite = bool(first > -FINITE_MAX and last < FINITE_MAX)
             else:
-                _noise(here, at_middle[row[ops.B], 0], ANYWHERE if any_seed else radius, farthest, n, b, out)
-        if not (out[0] > -FINITE_MAX and out[1] < FINITE_MAX):
-            return at
-    return ALL_FINITE
+                if op == ops.REMAP:
+                    lowest, highest, by = _remap(a0, a1, da, numbers, n)
+                elif op <= ops.ARITHMETIC_LAST:
+                    c0, c1, dc = low[c, box], high[c, box], spread[c, box]
+                    lowest, highest, by = _combine(op, a0, a1, da, b0, b1, db, c0, c1, dc, x0, x1, dx, n0, n1, n2)
+                else:
+                    flat = op in (ops.GRADIENT2, ops.VALUE2, ops.SIMPLEX2, ops.CELLULAR2)
+                    here = at_middle[out, box]
+                    rx, rz = _reach(x0, x1, middle[x, box]), _reach(z0, z1, middle[z, box])
+                    ry, dy = (0.0, 0.0) if flat else (_reach(y0, y1, middle[y, box]), dy)
+                    radius, moved = np.sqrt(rx * rx + ry * ry + rz * rz), np.sqrt(dx * dx + dy * dy + dz * dz)
+                    farthest = max(-x0, x1, -y0, y1, -z0, z1)
+                    if op <= ops.SHAPE_LAST:
+                        lowest, highest, by = _distance(here, radius, moved, farthest, n0, n1, n2)
+                    elif op == ops.RANDOM:
+                        known = radius == 0.0 and not any_seed
+                        lowest, highest = (here, here) if known else (np.float32(-1), np.float32(1))
+                        by = 0.0 if moved == 0.0 else 2.0
+                    else:
+                        range_low, range_high = numbers[n + ops.NOISE_LOW], numbers[n + ops.NOISE_HIGH]
+                        steep, below_here = numbers[n + ops.NOISE_LIPSCHITZ], at_middle[b, box]
+                        radius = ANYWHERE if any_seed else radius
+                        lowest, highest, by = _noise(
+                            here, below_here, radius, moved, farthest, n0, n1, range_low, range_high, steep, b0, b1, db
+                        )
+                low[out, box], high[out, box] = lowest, highest
+                spread[out, box] = by + SLACK * _largest(lowest, highest)
+                finite = bool(lowest > -FINITE_MAX and highest < FINITE_MAX)
+            if not finite:
+                failed[box] = at
+                break
 
 
 @inlined
-def _reach(bound: _Doubles, middle: float) -> float:
+def _largest(low: np.float32, high: np.float32) -> float:
+    """Return the largest magnitude between two bounds."""
+    return np.float64(max(abs(low), abs(high)))
+
+
+@inlined
+def _reach(low: float, high: float, middle: float) -> float:
     """Return how far a coordinate may be from where it is at the middle."""
-    return max(np.float64(bound[1] - middle), np.float64(middle - bound[0]))
+    return max(high - middle, middle - low)
 
 
-@kernel
-def _move(op: int, x: _Doubles, y: _Doubles, z: _Doubles, a: _Floats, n: _Doubles, out: _Doubles) -> bool:
-    """Bound one coordinate; return whether it is one that noise and `repeat` can take in."""
+@inlined
+def _move(
+    op: int,
+    x0: float,
+    x1: float,
+    dx: float,
+    y0: float,
+    y1: float,
+    dy: float,
+    z0: float,
+    z1: float,
+    dz: float,
+    a0: np.float32,
+    a1: np.float32,
+    da: float,
+    n0: float,
+    n1: float,
+    n2: float,
+) -> tuple[float, float, float]:
+    """Bound one coordinate: low, high, spread; infinite where noise and `repeat` cannot take it in."""
     if op == ops.AFFINE:
-        first, last = x[0] * n[0] + n[1], x[1] * n[0] + n[1]
-        out[0], out[1] = min(first, last), max(first, last)
-    elif op == ops.TURN:
-        x0, x1, y0, y1, z0, z1 = x[0] * n[0], x[1] * n[0], y[0] * n[1], y[1] * n[1], z[0] * n[2], z[1] * n[2]
-        out[0] = min(x0, x1) + min(y0, y1) + min(z0, z1)
-        out[1] = max(x0, x1) + max(y0, y1) + max(z0, z1)
-    elif op == ops.WARP:
-        out[0], out[1] = x[0] + np.float64(a[0]), x[1] + np.float64(a[1])
-    else:
-        if not (max(-x[0], x[1]) * n[1] < COORDINATE_MAX):
-            return False
-        first, last = cell(x[0], n[0], n[1]), cell(x[1], n[0], n[1])
-        if op == ops.CELL:
-            out[0], out[1] = first, last
-        elif first == last:
-            out[0], out[1] = x[0] - n[0] * first, x[1] - n[0] * last
-        else:
-            half = 0.5 * n[0] + DISTANCE_SLACK * max(-x[0], x[1])
-            out[0], out[1] = -half, half
-    return bool(out[0] > -FINITE_MAX and out[1] < FINITE_MAX)
+        first, last = x0 * n0 + n1, x1 * n0 + n1
+        return min(first, last), max(first, last), dx * abs(n0)
+    if op == ops.TURN:
+        first = min(x0 * n0, x1 * n0) + min(y0 * n1, y1 * n1) + min(z0 * n2, z1 * n2)
+        last = max(x0 * n0, x1 * n0) + max(y0 * n1, y1 * n1) + max(z0 * n2, z1 * n2)
+        return first, last, dx * abs(n0) + dy * abs(n1) + dz * abs(n2)
+    if op == ops.WARP:
+        return x0 + np.float64(a0), x1 + np.float64(a1), dx + da
+    period, inverse = n0, n1
+    if not (max(-x0, x1) * inverse < COORDINATE_MAX):
+        return -ANYWHERE, ANYWHERE, ANYWHERE
+    first, last = cell(x0, period, inverse), cell(x1, period, inverse)
+    if op == ops.CELL:
+        return first, last, last - first
+    if first == last:
+        return x0 - period * first, x1 - period * last, dx
+    half = 0.5 * period + DISTANCE_SLACK * max(-x0, x1)
+    return -half, half, 2.0 * half
 
 
-@kernel
+@inlined
 def _combine(
     op: int,
-    a: _Floats,
-    b: _Floats,
-    c: _Floats,
-    x: _Doubles,
-    n: _Doubles,
-    out: _Floats,
-) -> None:
+    a0: np.float32,
+    a1: np.float32,
+    da: float,
+    b0: np.float32,
+    b1: np.float32,
+    db: float,
+    c0: np.float32,
+    c1: np.float32,
+    dc: float,
+    x0: float,
+    x1: float,
+    dx: float,
+    n0: float,
+    n1: float,
+    n2: float,
+) -> tuple[np.float32, np.float32, float]:
     if op == ops.CONSTANT:
-        out[0] = out[1] = np.float32(n[0])
-    elif op == ops.COORDINATE:
-        out[0], out[1] = np.float32(x[0]), np.float32(x[1])
-    elif op == ops.HEIGHT:
-        out[0], out[1] = np.float32(x[0] - np.float64(a[1])), np.float32(x[1] - np.float64(a[0]))
-    elif op == ops.ADD:
-        out[0], out[1] = a[0] + b[0], a[1] + b[1]
-    elif op == ops.SUBTRACT:
-        out[0], out[1] = a[0] - b[1], a[1] - b[0]
-    elif op == ops.MULTIPLY:
-        p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
-        out[0], out[1] = min(p, q, r, s), max(p, q, r, s)
-    elif op == ops.MIN:
-        out[0], out[1] = min(a[0], b[0]), min(a[1], b[1])
-    elif op == ops.MAX:
-        out[0], out[1] = max(a[0], b[0]), max(a[1], b[1])
-    elif op in (ops.ABS, ops.FOLD):
-        _fold(op, a, b, n, out)
-    elif op == ops.SELECT:
-        _select(a, b, c, n, out)
-    elif op == ops.REMAP:
-        _remap(a, n, out)
-    else:
-        _smooth(op, a, b, n, out)
+        return np.float32(n0), np.float32(n0), 0.0
+    if op == ops.COORDINATE:
+        return np.float32(x0), np.float32(x1), dx
+    if op == ops.HEIGHT:
+        return np.float32(x0 - np.float64(a1)), np.float32(x1 - np.float64(a0)), dx + da
+    if op == ops.ADD:
+        return np.float32(a0 + b0), np.float32(a1 + b1), da + db
+    if op == ops.SUBTRACT:
+        return np.float32(a0 - b1), np.float32(a1 - b0), da + db
+    if op == ops.MULTIPLY:
+        p, q, r, s = np.float32(a0 * b0), np.float32(a0 * b1), np.float32(a1 * b0), np.float32(a1 * b1)
+        return min(p, q, r, s), max(p, q, r, s), _largest(a0, a1) * db + _largest(b0, b1) * da
+    if op == ops.MIN:
+        return min(a0, b0), min(a1, b1), max(da, db)
+    if op == ops.MAX:
+        return max(a0, b0), max(a1, b1), max(da, db)
+    if op in (ops.ABS, ops.FOLD):
+        return _fold(op, a0, a1, da, b0, b1, db, n0, n1)
+    if op == ops.SELECT:
+        return _select(a0, a1, da, b0, b1, db, c0, c1, dc, n0, n1, n2)
+    return _smooth(op, a0, a1, da, b0, b1, db, n0, n1)
 
 
-@kernel
-def _fold(op: int, a: _Floats, b: _Floats, n: _Doubles, out: _Floats) -> None:
-    inner = np.float32(0) if a[0] <= 0 <= a[1] else min(abs(a[0]), abs(a[1]))
-    outer = max(abs(a[0]), abs(a[1]))
+@inlined
+def _fold(
+    op: int,
+    a0: np.float32,
+    a1: np.float32,
+    da: float,
+    b0: np.float32,
+    b1: np.float32,
+    db: float,
+    n0: float,
+    n1: float,
+) -> tuple[np.float32, np.float32, float]:
+    inner = ZERO if a0 <= ZERO <= a1 else min(abs(a0), abs(a1))
+    outer = max(abs(a0), abs(a1))
     if op == ops.ABS:
-        out[0], out[1] = inner, outer
-    else:
-        base, slope = np.float32(n[0]), np.float32(n[1])
-        p, q = np.float32(base + np.float32(slope * inner)), np.float32(base + np.float32(slope * outer))
-        out[0], out[1] = b[0] + min(p, q), b[1] + max(p, q)
+        return inner, outer, da
+    base, slope = np.float32(n0), np.float32(n1)
+    p, q = np.float32(base + np.float32(slope * inner)), np.float32(base + np.float32(slope * outer))
+    by = db + abs(np.float64(slope)) * da + SLACK * (abs(base) + abs(slope) * outer)
+    return np.float32(b0 + min(p, q)), np.float32(b1 + max(p, q)), by
 
 
-@kernel
-def _select(by: _Floats, below: _Floats, above: _Floats, n: _Doubles, out: _Floats) -> None:
-    first, last = np.float32(n[0]), np.float32(n[1])
-    if by[1] <= first and by[1] < last:
-        out[0], out[1] = below[0], below[1]
-    elif by[0] >= last:
-        out[0], out[1] = above[0], above[1]
-    else:
-        low, high = min(below[0], above[0]), max(below[1], above[1])
-        slack = SLACK * max(abs(low), abs(high))
-        out[0], out[1] = low - slack, high + slack
+@inlined
+def _select(
+    by0: np.float32,
+    by1: np.float32,
+    d_by: float,
+    below0: np.float32,
+    below1: np.float32,
+    d_below: float,
+    above0: np.float32,
+    above1: np.float32,
+    d_above: float,
+    n0: float,
+    n1: float,
+    slope: float,
+) -> tuple[np.float32, np.float32, float]:
+    first, last = np.float32(n0), np.float32(n1)
+    if by1 <= first and by1 < last:
+        return below0, below1, d_below
+    if by0 >= last:
+        return above0, above1, d_above
+    low, high = min(below0, above0), max(below1, above1)
+    slack = SLACK * _largest(low, high)
+    apart = np.float64(max(above1 - below0, below1 - above0))
+    step = STEEPEST_STEP * (slope * d_by + SLACK * (1.0 + slope * _largest(by0, by1))) if slope > 0.0 else 1.0
+    moved = max(d_below, d_above) + apart * min(step, 1.0)
+    return np.float32(low - slack), np.float32(high + slack), moved + 4.0 * slack
 
 
-@kernel
-def _smooth(op: int, a: _Floats, b: _Floats, n: _Doubles, out: _Floats) -> None:
-    """Bound the smooth minimum and maximum, which rise with a and with b."""
-    radius, scale = np.float32(n[0]), np.float32(n[1])
-    if op == ops.SMOOTH_MIN:
-        low, high = smooth_min(a[0], b[0], radius, scale), smooth_min(a[1], b[1], radius, scale)
-    else:
-        low, high = -smooth_min(-a[0], -b[0], radius, scale), -smooth_min(-a[1], -b[1], radius, scale)
-    slack = SLACK * (max(abs(a[0]), abs(a[1]), abs(b[0]), abs(b[1])) + n[0])
-    out[0], out[1] = low - slack, high + slack
+@inlined
+def _smooth(
+    op: int,
+    a0: np.float32,
+    a1: np.float32,
+    da: float,
+    b0: np.float32,
+    b1: np.float32,
+    db: float,
+    n0: float,
+    n1: float,
+) -> tuple[np.float32, np.float32, float]:
+    """Bound the smooth minimum and maximum, which rise with a and with b, together by no more than the faster one."""
+    radius, scale = np.float32(n0), np.float32(n1)
+    sign = np.float32(1) if op == ops.SMOOTH_MIN else np.float32(-1)
+    first = np.float32(sign * smooth_min(np.float32(sign * a0), np.float32(sign * b0), radius, scale))
+    last = np.float32(sign * smooth_min(np.float32(sign * a1), np.float32(sign * b1), radius, scale))
+    slack = SLACK * (max(_largest(a0, a1), _largest(b0, b1)) + n0)
+    return np.float32(first - slack), np.float32(last + slack), max(da, db) + 2.0 * slack
 
 
-@kernel
-def _remap(a: _Floats, n: _Doubles, out: _Floats) -> None:
+@inlined
+def _remap(
+    a0: np.float32, a1: np.float32, da: float, numbers: _Doubles, n: int
+) -> tuple[np.float32, np.float32, float]:
     """Bound a piecewise linear curve: it is lowest and highest at the ends, or at knots between them."""
-    first = last = np.float32(n[2])
-    low, high, highest = INFINITE, -INFINITE, ZERO
-    for knot in range(np.int64(n[0])):
-        at = 1 + ops.KNOT_NUMBERS * knot
-        start, to = np.float32(n[at]), np.float32(n[at + 1])
-        rise, scale = np.float32(n[at + 2]), np.float32(n[at + 3])
-        if knot + 1 < n[0]:
-            first, last = piece(first, a[0], start, rise, scale), piece(last, a[1], start, rise, scale)
+    first = last = np.float32(numbers[n + 2])
+    low, high, highest, steepest = INFINITE, -INFINITE, ZERO, 0.0
+    for knot in range(np.int64(numbers[n])):
+        at = n + 1 + ops.KNOT_NUMBERS * knot
+        start, to = np.float32(numbers[at]), np.float32(numbers[at + 1])
+        rise, scale = np.float32(numbers[at + 2]), np.float32(numbers[at + 3])
+        if knot + 1 < numbers[n]:
+            first, last = piece(first, a0, start, rise, scale), piece(last, a1, start, rise, scale)
+            steepest = max(steepest, abs(numbers[at + 2] * numbers[at + 3]))
         highest = max(highest, abs(to))
-        if a[0] <= start <= a[1]:
+        if a0 <= start <= a1:
             low, high = min(low, to), max(high, to)
-    slack = SLACK * n[0] * highest
-    out[0], out[1] = min(low, first, last) - slack, max(high, first, last) + slack
+    slack = SLACK * numbers[n] * np.float64(highest)
+    rounding = steepest * SLACK * _largest(a0, a1)
+    low, high = min(low, first, last), max(high, first, last)
+    return np.float32(low - slack), np.float32(high + slack), steepest * da + 2.0 * slack + rounding
 
 
-@kernel
-def _distance(here: np.float32, radius: float, farthest: float, n: _Doubles, out: _Floats) -> None:
+@inlined
+def _distance(
+    here: np.float32, radius: float, moved: float, farthest: float, lift: float, least: float, size: float
+) -> tuple[np.float32, np.float32, float]:
     middle = np.float64(here)
-    slack = radius + DISTANCE_SLACK * (farthest + n[2]) + SLACK * abs(middle)
-    low = max(middle - slack, n[0] + n[1])
-    out[0], out[1] = np.float32(low), np.float32(middle + slack)
+    rounding = DISTANCE_SLACK * (farthest + size)
+    slack = radius + rounding + SLACK * abs(middle)
+    low = max(middle - slack, lift + least)
+    return np.float32(low), np.float32(middle + slack), moved + 2.0 * rounding
 
 
-@kernel
+@inlined
 def _noise(
     here: np.float32,
     below_here: np.float32,
     radius: float,
+    moved: float,
     farthest: float,
-    n: _Doubles,
-    below: _Floats,
-    out: _Floats,
-) -> None:
+    size: float,
+    frequency: float,
+    range_low: float,
+    range_high: float,
+    steep: float,
+    below0: np.float32,
+    below1: np.float32,
+    d_below: float,
+) -> tuple[np.float32, np.float32, float]:
     """Bound below + amplitude * noise."""
-    if not (farthest * n[1] + 1.0 < COORDINATE_MAX):
-        out[0], out[1] = -INFINITE, INFINITE
-        return
-    amplitude, middle = np.float32(n[0]), np.float64(here) - np.float64(below_here)
-    moved = radius * n[1] + LATTICE_SLACK * (farthest * n[1] + 1.0)
-    reach = abs(n[0]) * (n[ops.NOISE_LIPSCHITZ] * moved + NOISE_SLACK)
-    reach += SLACK * (abs(here) + abs(below_here))
-    first, last = (
-        np.float32(amplitude * np.float32(n[ops.NOISE_LOW])),
-        np.float32(amplitude * np.float32(n[ops.NOISE_HIGH])),
-    )
-    low, high = np.float32(max(middle - reach, min(first, last))), np.float32(min(middle + reach, max(first, last)))
-    out[0], out[1] = below[0] + low, below[1] + high
+    if not (farthest * frequency + 1.0 < COORDINATE_MAX):
+        return -INFINITE, INFINITE, ANYWHERE
+    amplitude, middle = np.float32(size), np.float64(here) - np.float64(below_here)
+    size = abs(size)
+    rounding = LATTICE_SLACK * (farthest * frequency + 1.0)
+    reach = size * (steep * (radius * frequency + rounding) + NOISE_SLACK)
+    reach += SLACK * np.float64(abs(here) + abs(below_here))
+    first = np.float32(amplitude * np.float32(range_low))
+    last = np.float32(amplitude * np.float32(range_high))
+    low = np.float32(max(middle - reach, np.float64(min(first, last))))
+    high = np.float32(min(middle + reach, np.float64(max(first, last))))
+    by = size * (steep * (moved * frequency + rounding) + 2.0 * NOISE_SLACK)
+    by = min(by, np.float64(abs(last - first))) + SLACK * (size + _largest(below0, below1))
+    return np.float32(below0 + low), np.float32(below1 + high), d_below + by

@@ -75,3 +75,14 @@ NOISE_LIPSCHITZ: Final = 9
 KNOT_NUMBERS: Final = 4
 NUMBERS_LONGEST: Final = 10
 """The most numbers that an instruction reads without having counted them: a tape has as many to spare at its end."""
+
+NANOSECONDS: Final = (
+    *[0.7] * (COORDINATE_LAST + 1),
+    *[0.3] * (ARITHMETIC_LAST - COORDINATE_LAST),
+    *[2.0] * (SHAPE_LAST - ARITHMETIC_LAST),
+    2.0,
+    *[4.0, 8.0, 3.0, 5.0, 4.0, 7.0, 15.0, 23.0],
+)
+"""About how long an instruction takes for a point, by its number, in registers that are in the cache (AVX2)."""
+
+assert len(NANOSECONDS) == CELLULAR3 + 1

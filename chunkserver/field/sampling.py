@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.field.flatten import flatten
-from chunkserver.field.interpreter import SLAB_POINTS, run
 from chunkserver.field.intervals import ALL_FINITE, bounds
-from chunkserver.field.noise.lattice import scratch
-from chunkserver.field.tape import INPUTS, Tape
+from chunkserver.field.points import densities_at, run_box
+from chunkserver.field.skipping import WORTH, run_near_surface
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
 from chunkserver.samples import Samples, coarse_box
@@ -34,17 +33,26 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int =
     return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
 
 
+def sample_near_surface(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Samples:
+    """Return what `sample` returns, but for the values of samples that no vertex or triangle depends on.
+
+    Of those the sign alone is right. What reads values apart from crossed edges, their ends' neighbours, and the faces
+    of `coarser`, wants `sample`. Raises what `sample` raises.
+    """
+    flat, low = flatten(recipe, key.lod), _low(key, shape)
+    if flat.cost < WORTH:
+        return sample(recipe, key, shape, coarser)
+    density = run_near_surface(flat, low, float(key.step), shape.samples, shape.apron, coarser)
+    if not coarser:
+        return Samples(shape, density)
+    return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
+
+
 def _sample(
     recipe: WorldRecipe, lod: int, low: NDArray[np.float64], shape: tuple[int, int, int]
 ) -> NDArray[np.float32]:
     """Return a level's densities over a box of its lattice points. low: x, y, z of the first one; shape: (y, z, x)."""
-    tape = flatten(recipe, lod).tape
-    planes, rows, width = shape
-    slabs = -(-rows * width // SLAB_POINTS)
-    slab = -(-rows * width // slabs)
-    density = np.empty((planes, rows * width), np.float32)
-    _run(tape, lod, low, rows, np.empty((tape.places, slab)), density)
-    return density.reshape(shape)
+    return run_box(flatten(recipe, lod).tape, low, float(1 << lod), shape)
 
 
 def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -55,27 +63,7 @@ def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDA
     Returns (n,) float32, voxels, negative = rock, else air: at a lattice point to the bit what `sample` gives. Raises
     `BadRecipe` as `sample` does.
     """
-    tape = flatten(recipe, lod).tape
-    density, places, anywhere = np.empty(len(points), np.float32), np.empty((tape.places, SLAB_POINTS)), np.zeros(3)
-    for start in range(0, len(points), SLAB_POINTS):
-        slab = points[start : start + SLAB_POINTS]
-        places[:INPUTS, : len(slab)] = slab.T
-        _run(tape, lod, anywhere, 0, places, density[None, start : start + SLAB_POINTS])
-    return density
-
-
-def _run(
-    tape: Tape,
-    lod: int,
-    low: NDArray[np.float64],
-    rows: int,
-    places: NDArray[np.float64],
-    density: NDArray[np.float32],
-) -> None:
-    """Run a level's tape; low, rows, places and density: as in `run`."""
-    values = np.empty((tape.values, places.shape[1]), np.float32)
-    code, step = (tape.code, tape.numbers, tape.keys, tape.columns, tape.result), float(1 << lod)
-    run(*code, low, step, rows, places, values, *scratch(), density)
+    return densities_at(flatten(recipe, lod).tape, float(1 << lod), points)
 
 
 def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Literal["air", "rock"] | None:
@@ -96,16 +84,20 @@ def _prove(
     recipe: WorldRecipe, lod: int, low: NDArray[np.float64], shape: tuple[int, int, int]
 ) -> Literal["air", "rock"] | None:
     """Return what a box of a level's lattice points is, if that can be shown. low, shape: as in `_sample`."""
-    tape = flatten(recipe, lod).kept
+    flat = flatten(recipe, lod)
     planes, rows, width = shape
-    far = low + float(1 << lod) * np.array((width - 1, planes - 1, rows - 1))
-    failed, values = bounds(tape, np.stack([low, far], 1))
-    lowest, highest = values[tape.result]
-    if failed != ALL_FINITE:  # what is finite all over the world may have wider bounds in a part of it, by a rounding
-        return None
-    if lowest >= 0:
+    step = float(1 << lod)
+    if low[1] >= flat.sky:
         return "air"
-    return "rock" if highest < 0 else None
+    if low[1] + step * (planes - 1) <= flat.ground:
+        return "rock"
+    high = np.array((low[0] + step * (width - 1), low[1] + step * (planes - 1), low[2] + step * (rows - 1)))
+    found = bounds(flat.kept, low[:, None], high[:, None])
+    if found.failed[0] != ALL_FINITE:  # what is finite all over the world may have wider bounds in a part of it
+        return None
+    if found.low[flat.kept.result, 0] >= 0:
+        return "air"
+    return "rock" if found.high[flat.kept.result, 0] < 0 else None
 
 
 def _coarse_box(key: ChunkKey, shape: ChunkShape, coarser: int) -> tuple[NDArray[np.float64], tuple[int, int, int]]:

@@ -68,21 +68,36 @@ class Tape:
     numbers: float64, the constants of all instructions, one after the other.
     keys: (n, 3) uint32, noise hash keys of the axes.
     columns: how many leading instructions do not depend on y.
+    starts: (2,) int32, where the others start in the code, and its end.
     places, values: how many coordinate and value registers the code uses.
     result: the value register that holds the density at the end.
+    order: the place of the step of each instruction.
+    reads: (n, 6) int32: which instructions made what it reads as a, b, c, x, y, z; NONE for none, and for the inputs.
+    shared_places, shared_values: int32, the registers that planes read of columns.
     """
 
     code: NDArray[np.int32]
     numbers: NDArray[np.float64]
     keys: NDArray[np.uint32]
     columns: int
+    starts: NDArray[np.int32]
     places: int
     values: int
     result: int
+    order: tuple[int, ...]
+    reads: NDArray[np.int32]
+    shared_places: NDArray[np.int32]
+    shared_values: NDArray[np.int32]
 
 
-def allocate(steps: Sequence[Step], root: int) -> Tape:
-    """Return the tape that works out `root`. Raises `BadRecipe` if it needs more than REGISTERS_MAX registers."""
+def allocate(steps: Sequence[Step], root: int, keep: bool = False) -> Tape:
+    """Return the tape that works out `root`.
+
+    keep: give each step a register of its own, for bounds, which want all values at once. The instructions are the
+        same, in the same order; only registers differ, and REGISTERS_MAX does not apply.
+
+    Raises `BadRecipe` if it needs more than REGISTERS_MAX registers.
+    """
     reads = _reachable(steps, root)
     on_y = _on_y(reads)
     order = sorted(reads, key=lambda place: place in on_y)
@@ -97,29 +112,13 @@ def allocate(steps: Sequence[Step], root: int) -> Tape:
             used[kind] += 1
         register[place] = free[kind].pop()
         for operand in reads[place]:
-            if last_use[operand] == at and operand >= INPUTS:
+            if last_use[operand] == at and operand >= INPUTS and not keep:
                 free[steps[operand].is_coordinate].append(register[operand])
-    if max(used.values()) > REGISTERS_MAX:
+    if max(used.values()) > REGISTERS_MAX and not keep:
         count = max(used.values())
         message = f"recipe needs {count} registers; the limit is {REGISTERS_MAX}: fewer different constants need fewer"
         raise BadRecipe(message, registers=count)
-    columns = sum(place not in on_y for place in order)
-    return _assemble(steps, order, register, columns, used, register[root])
-
-
-def keep_all(steps: Sequence[Step], root: int) -> tuple[Tape, list[int]]:
-    """Return the tape that works out `root` and reuses no register, and the place of the step of each instruction.
-
-    It is for bounds, which want all values at once. `REGISTERS_MAX` does not apply.
-    """
-    order = list(_reachable(steps, root))
-    register = {place: place for place in range(INPUTS)}
-    used = {True: INPUTS, False: 0}
-    for place in order:
-        kind = steps[place].is_coordinate
-        register[place] = used[kind]
-        used[kind] += 1
-    return _assemble(steps, order, register, 0, used, register[root]), order
+    return _assemble(steps, order, register, on_y, used, register[root])
 
 
 def _reachable(steps: Sequence[Step], root: int) -> Reads:
@@ -157,7 +156,7 @@ def _assemble(
     steps: Sequence[Step],
     order: Sequence[int],
     register: dict[int, int],
-    columns: int,
+    on_y: set[int],
     used: dict[bool, int],
     result: int,
 ) -> Tape:
@@ -165,18 +164,30 @@ def _assemble(
     chosen = [steps[place] for place in order]
     registers = np.zeros(len(steps) + 1, np.int32)  # the last one is that of NONE
     registers[list(register)] = list(register.values())
+    made_at = np.full(len(steps) + 1, NONE, np.int32)
+    made_at[list(order)] = np.arange(len(order))
+    read = [(step.a, step.b, step.c, step.x, step.y, step.z) for step in chosen]
     numbers = list(chain.from_iterable(step.numbers for step in chosen))
     code = np.empty((len(order), ops.COLUMNS), np.int32)
     code[:, ops.CODE] = [step.op for step in chosen]
-    code[:, ops.OUT] = registers[order]
-    code[:, ops.A : ops.NUMBERS] = registers[[(step.a, step.b, step.c, step.x, step.y, step.z) for step in chosen]]
+    code[:, ops.OUT] = registers[list(order)]
+    code[:, ops.A : ops.NUMBERS] = registers[read]
     code[:, ops.NUMBERS] = list(accumulate((len(step.numbers) for step in chosen[:-1]), initial=0))
+    columns = sum(place not in on_y for place in order)
+    needed = {operand for step in chosen[columns:] for operand in step.operands} | {order[-1]}
+    shared = sorted(needed & {0, 2, *order[:columns]})
+    is_place = [place < INPUTS or steps[place].is_coordinate for place in shared]
     return Tape(
         code,
         np.array([*numbers, *[0.0] * ops.NUMBERS_LONGEST]),
         np.array([step.keys for step in chosen], np.uint32),
         columns,
+        np.array([columns, len(order)], np.int32),
         used[True],
         max(1, used[False]),
         result,
+        tuple(order),
+        made_at[read],
+        np.array([register[place] for place, is_one in zip(shared, is_place, strict=True) if is_one], np.int32),
+        np.array([register[place] for place, is_one in zip(shared, is_place, strict=True) if not is_one], np.int32),
     )

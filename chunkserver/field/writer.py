@@ -6,9 +6,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from chunkserver.field import ops
-from chunkserver.field.interpreter import run
 from chunkserver.field.levels import weight
-from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.points import run_at
 from chunkserver.field.tape import INPUTS, NONE, Step, allocate
 from chunkserver.recipe import nodes
 
@@ -100,8 +99,4 @@ class Writer:
 def _evaluated(steps: list[Step]) -> float:
     """Return the value of the last step."""
     tape = allocate(steps, len(steps) - 1)
-    places, values = np.zeros((tape.places, 1)), np.zeros((tape.values, 1), np.float32)
-    density = np.empty((1, 1), np.float32)
-    zero = np.zeros(3)
-    run(tape.code, tape.numbers, tape.keys, 0, 0, zero, 1.0, 1, places, values, *scratch(), density)
-    return float(values[tape.result, 0])
+    return float(run_at(tape, np.zeros((INPUTS, 1)))[1][tape.result, 0])

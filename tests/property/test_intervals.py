@@ -1,5 +1,6 @@
 """Bounds of a tape over a box hold for every register at every point of it; and a wrong bound would be noticed."""
 
+import itertools
 import operator
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,9 +15,8 @@ from numpy.typing import NDArray
 from chunkserver.errors import BadRecipe
 from chunkserver.field import ops, prove, sample
 from chunkserver.field.flatten import flatten
-from chunkserver.field.interpreter import run
-from chunkserver.field.intervals import ALL_FINITE, bounds
-from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.intervals import ALL_FINITE, Bounds, bounds
+from chunkserver.field.points import run_at
 from chunkserver.field.tape import Tape
 from chunkserver.geometric_error import geometric_error
 from chunkserver.grid import LATTICE_MAX, ChunkKey, ChunkShape
@@ -43,33 +43,41 @@ def kept_tape(tree: Tree, seed: int = 7, lod: int = 0) -> Tape:
         raise
 
 
-def extremes(tape: Tape, grid: Grid) -> NDArray[np.float32]:
-    """Return the lowest and the highest value of each register over a grid: (registers, 2)."""
-    low, step, (along_x, along_y, along_z) = grid
-    n = along_x * along_z
-    places, values = np.empty((tape.places, n)), np.zeros((tape.values, n), np.float32)
-    density = np.empty((1, n), np.float32)
-    found = np.tile(np.array([np.inf, -np.inf], np.float32), (tape.values, 1))
-    for plane in range(along_y):
-        corner = np.array([low[0], low[1] + step * plane, low[2]])
-        run(tape.code, tape.numbers, tape.keys, 0, 0, corner, step, along_z, places, values, *scratch(), density)
-        found[:, 0] = np.minimum(found[:, 0], values.min(1))
-        found[:, 1] = np.maximum(found[:, 1], values.max(1))
-    return found
-
-
-def box_of(grid: Grid) -> NDArray[np.float64]:
+def values_over(tape: Tape, grid: Grid) -> NDArray[np.float32]:
+    """Return the value of each register at all points of a grid: (registers, points)."""
     low, step, counts = grid
-    return np.array([[at, at + step * (count - 1)] for at, count in zip(low, counts, strict=True)])
+    along = [at + step * np.arange(count) for at, count in zip(low, counts, strict=True)]
+    points = np.stack(np.meshgrid(*along, indexing="ij")).reshape(3, -1)
+    return run_at(tape, points)[1]
+
+
+def bounds_over(tape: Tape, grid: Grid, reach: float = 0.0) -> Bounds:
+    low, step, counts = grid
+    high = [at + step * (count - 1) for at, count in zip(low, counts, strict=True)]
+    return bounds(tape, np.array([low]).T, np.array([high]).T, reach)
 
 
 def holds(tape: Tape, bounded: Tape, grid: Grid) -> bool:
     """Whether the bounds of the tape `bounded` hold what `tape` gives, register by register."""
-    failed, values = bounds(bounded, box_of(grid))
-    assert failed == ALL_FINITE
-    found = extremes(tape, grid)
+    found, values = bounds_over(bounded, grid), values_over(tape, grid)
+    assert found.failed[0] == ALL_FINITE
     written = tape.code[tape.code[:, ops.CODE] > ops.COORDINATE_LAST, ops.OUT]
-    return bool(((values[:, 0] <= found[:, 0]) & (found[:, 1] <= values[:, 1]))[written].all())
+    return bool(((found.low <= values) & (values <= found.high))[written].all())
+
+
+def spreads(tape: Tape, bounded: Tape, grid: Grid) -> bool:
+    """Whether no register of `tape` changes by more, between neighbours of a grid, than `bounded` says."""
+    found, values = bounds_over(bounded, grid, grid[1]), values_over(tape, grid)
+    assert found.failed[0] == ALL_FINITE
+    cube = values.reshape(-1, *grid[2]).astype(np.float64)
+    written = tape.code[tape.code[:, ops.CODE] > ops.COORDINATE_LAST, ops.OUT]
+    for offset in itertools.product((0, 1), (0, 1, -1), (0, 1, -1)):
+        here = cube[:, *(slice(max(-by, 0), count - max(by, 0)) for by, count in zip(offset, grid[2], strict=True))]
+        there = cube[:, *(slice(max(by, 0), count - max(-by, 0)) for by, count in zip(offset, grid[2], strict=True))]
+        change = np.abs(here - there).reshape(len(cube), -1).max(axis=1, initial=0)
+        if not (change <= found.spread[:, 0])[written].all():
+            return False
+    return True
 
 
 def near_or_far(far: float) -> st.SearchStrategy[float]:
@@ -89,14 +97,16 @@ lods = st.integers(0, 6)
 def test_the_bounds_of_a_recipe_hold(tree, seed, lod, grid):
     tape = kept_tape(tree, seed, lod)
     assert holds(tape, tape, grid)
+    assert spreads(tape, tape, grid)
 
 
 @pytest.mark.parametrize("op", OPS)
 @settings(max_examples=count(2_000), deadline=None)
 @given(data=st.data())
 def test_the_bounds_of_each_node_hold(op, data):
-    tape = kept_tape(data.draw(trees_of(op)), data.draw(seeds), data.draw(lods))
-    assert holds(tape, tape, data.draw(grids))
+    tape, grid = kept_tape(data.draw(trees_of(op)), data.draw(seeds), data.draw(lods)), data.draw(grids)
+    assert holds(tape, tape, grid)
+    assert spreads(tape, tape, grid)
 
 
 def with_numbers(tape: Tape, op: int, at: int, change: Callable[[float], float]) -> Tape:
@@ -180,6 +190,42 @@ def test_the_bound_of_another_op_is_noticed(wrong):
     check_planted(tree, grid, lambda tape: with_op(tape, op, other))
 
 
+NEAR: Grid = (-9.0, -9.0, -9.0), 0.25, (9, 9, 9)
+RAMP = {"op": "select", "by": X, "below": 0, "above": 9, "at": -9, "width": 4}
+STEEP: dict[str, tuple[Tree, Grid, int, int, Callable[[float], float]]] = {
+    "noise is too flat": ({**FINE, "frequency": 0.5}, NEAR, ops.SIMPLEX3, ops.NOISE_LIPSCHITZ, lambda _: 0.2),
+    "the factor of a coordinate": ({"op": "scale", "a": X, "factor": 0.25}, NEAR, ops.AFFINE, 0, HALF),
+    "the turn of a coordinate": ({"op": "rotate", "a": X, "quaternion": [0, 1, 0, 2]}, NEAR, ops.TURN, 2, HALF),
+    "how steep a blend is": (RAMP, NEAR, ops.SELECT, 2, partial(operator.mul, 0.1)),
+    "how a ridge folds": ({**FINE, "op": "ridged3", "frequency": 0.5, "octaves": 1}, NEAR, ops.FOLD, 1, HALF),
+    "the rise of a piece": ({"op": "remap", "a": X, "points": [[-10, 0], [50, 9]]}, NEAR, ops.REMAP, 3, HALF),
+}
+
+
+@pytest.mark.parametrize("wrong", STEEP)
+def test_a_wrong_spread_is_noticed(wrong):
+    tree, grid, op, at, change = STEEP[wrong]
+    tape = kept_tape(tree)
+    assert spreads(tape, tape, grid)
+    assert not spreads(tape, with_numbers(tape, op, at, change), grid)
+
+
+SLOW: dict[str, tuple[Tree, int, int]] = {
+    "add": ({"op": "add", "a": X, "b": X}, ops.ADD, ops.MAX),
+    "multiply": ({"op": "multiply", **XY}, ops.MULTIPLY, ops.MIN),
+    "heightfield": ({"op": "heightfield", "height": {"op": "multiply", "a": X, "b": -3}}, ops.HEIGHT, ops.COORDINATE),
+    "a distance": ({"op": "sphere", "radius": 4, "center": [90, 0, 0]}, ops.SPHERE, ops.CONSTANT),
+}
+
+
+@pytest.mark.parametrize("wrong", SLOW)
+def test_the_spread_of_another_op_is_noticed(wrong):
+    tree, op, other = SLOW[wrong]
+    tape = kept_tape(tree)
+    assert spreads(tape, tape, NEAR)
+    assert not spreads(tape, with_op(tape, op, other), NEAR)
+
+
 HUGE = 2.0**40
 FAR_CORNER = HUGE / 2
 AT_ORIGIN: Grid = (-2.0, -2.0, -2.0), 1.0, (5, 5, 5)
@@ -243,5 +289,6 @@ def test_a_point_is_bounded_tightly():
     """A box of one point has one value, but for the slack."""
     for tree in (NOISE, FINE, BALL, {"op": "repeat", "a": {"op": "random"}, "period": [8, 8, 8]}):
         tape = kept_tape(tree)
-        _, values = bounds(tape, box_of(((1.0, 2.0, 3.0), 1.0, (1, 1, 1))))
-        assert np.ptp(values[tape.result]) < 1e-4
+        found = bounds_over(tape, ((1.0, 2.0, 3.0), 1.0, (1, 1, 1)))
+        assert found.high[tape.result, 0] - found.low[tape.result, 0] < 1e-4
+        assert found.spread[tape.result, 0] < 1e-4

@@ -6,9 +6,8 @@ from numpy.typing import NDArray
 
 from chunkserver.field import ops
 from chunkserver.field.flatten import WRITERS
-from chunkserver.field.interpreter import run
-from chunkserver.field.noise.lattice import scratch
-from chunkserver.field.tape import INPUTS, Tape, allocate, keep_all
+from chunkserver.field.points import run_box
+from chunkserver.field.tape import INPUTS, Tape, allocate
 from chunkserver.field.writer import Frame, Writer
 from chunkserver.recipe import BUILTINS, builtin
 from tests.unit.field.chunks import recipe
@@ -25,16 +24,11 @@ def tapes(tree: object, lod: int = 0) -> tuple[Tape, Tape]:
     """Return the tape of a recipe, and the same with a register for each step."""
     writer = Writer(7, lod, WRITERS)
     root = writer.write(recipe(tree).expression, Frame())
-    return allocate(writer.steps, root), keep_all(writer.steps, root)[0]
+    return allocate(writer.steps, root), allocate(writer.steps, root, keep=True)
 
 
 def densities(tape: Tape) -> NDArray[np.float32]:
-    places, values = np.empty((tape.places, SIDE * SIDE)), np.empty((tape.values, SIDE * SIDE), np.float32)
-    density = np.empty((SIDE, SIDE * SIDE), np.float32)
-    low = np.array([-7.0, 11.0, 2.0])
-    box = low, 3.0, SIDE
-    run(tape.code, tape.numbers, tape.keys, tape.columns, tape.result, *box, places, values, *scratch(), density)
-    return density
+    return run_box(tape, np.array([-7.0, 11.0, 2.0]), 3.0, (SIDE, SIDE, SIDE))
 
 
 def check_registers(tree: object, lod: int = 0) -> Tape:
@@ -82,3 +76,17 @@ def test_what_the_root_does_not_need_is_not_on_the_tape():
     root = writer.constant(3.0, frame)
     writer.constant(4.0, frame)
     assert len(allocate(writer.steps, root).code) == 1
+
+
+def test_both_tapes_have_the_same_instructions_in_the_same_order():
+    tape, kept = tapes(builtin("canyon").encode())
+    assert tape.order == kept.order
+    assert np.array_equal(tape.code[:, ops.CODE], kept.code[:, ops.CODE])
+    assert np.array_equal(tape.reads, kept.reads)
+
+
+def test_what_planes_read_of_columns_is_listed():
+    tape, _ = tapes(binary("max", binary("subtract", {"op": "y"}, {"op": "simplex2", "frequency": 0.1}), {"op": "x"}))
+    read = {register for row in tape.code[tape.columns :].tolist() for register in row[ops.A : ops.C]}
+    assert set(tape.shared_values.tolist()) == {row[ops.OUT] for row in tape.code[: tape.columns].tolist()} & read
+    assert tape.shared_places.tolist() == []

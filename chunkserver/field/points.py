@@ -1,0 +1,93 @@
+"""Running a tape from Python: over points, over a box of lattice points. Every point is worked out."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.field.interpreter import ALL, NONE_READY, SLAB_POINTS, WORK_COLUMNS, run
+from chunkserver.field.noise.lattice import scratch
+from chunkserver.field.tape import INPUTS, Tape
+
+Shape = tuple[int, int, int]
+"""How many points: planes (y), rows (z), points of a row (x)."""
+
+_NOWHERE = np.zeros(3)
+_NONE_LISTED = np.empty(0, np.uint32)
+
+
+def run_at(tape: Tape, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Return all registers at n points: coordinates, (registers, n), and values, (registers, n).
+
+    points: (3, n) float64, x y z, voxels. The registers are what each instruction wrote if the tape keeps them all.
+    """
+    n = points.shape[1]
+    places, values = np.empty((1, tape.places, n)), np.empty((1, tape.values, n), np.float32)
+    places[0, :INPUTS] = points
+    density = np.empty((1, n), np.float32)
+    _run(tape, _NOWHERE, 1.0, 0, np.array([[0, n, 0, 0, 1, 0, ALL]], np.int32), places, values, density)
+    return places[0], values[0]
+
+
+def densities_at(tape: Tape, step: float, points: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the densities at points: (n,) float32. points: (n, 3) float64. step: of the tape's level, voxels."""
+    density, places = np.empty((1, len(points)), np.float32), np.empty((1, tape.places, SLAB_POINTS))
+    values = np.empty((1, tape.values, SLAB_POINTS), np.float32)
+    for start in range(0, len(points), SLAB_POINTS):
+        slab = points[start : start + SLAB_POINTS]
+        n = len(slab)
+        places[0, :INPUTS, :n] = slab.T
+        work = np.array([[0, n, 0, 0, 1, 0, ALL]], np.int32)
+        _run(tape, _NOWHERE, step, 0, work, places, values, density[:, start : start + n])
+    found: NDArray[np.float32] = density[0]
+    return found
+
+
+def run_box(tape: Tape, low: NDArray[np.float64], step: float, shape: Shape) -> NDArray[np.float32]:
+    """Return the densities of a box of lattice points, (planes, rows, width) float32. low: x, y, z of the first one."""
+    planes, rows, width = shape
+    slabs = slabs_of(rows, width)
+    work = np.empty((len(slabs), WORK_COLUMNS), np.int32)
+    for piece, (start, count) in enumerate(slabs):
+        work[piece] = start, count, 0, 0, planes, 0, ALL
+    slab = slabs[0][1]
+    places, values = np.empty((1, tape.places, slab)), np.empty((1, tape.values, slab), np.float32)
+    density = np.empty((planes, rows * width), np.float32)
+    _run(tape, low, step, rows, work, places, values, density)
+    return density.reshape(shape)
+
+
+def slabs_of(rows: int, width: int) -> list[tuple[int, int]]:
+    """Return the slabs of a plane, whole rows, about equally many each: the first point and how many."""
+    of_slab = max(1, SLAB_POINTS // width)
+    slabs = -(-rows // of_slab)
+    of_slab = -(-rows // slabs)
+    return [(row * width, (min(row + of_slab, rows) - row) * width) for row in range(0, rows, of_slab)]
+
+
+def _run(
+    tape: Tape,
+    low: NDArray[np.float64],
+    step: float,
+    rows: int,
+    work: NDArray[np.int32],
+    places: NDArray[np.float64],
+    values: NDArray[np.float32],
+    density: NDArray[np.float32],
+) -> None:
+    """Run the tape as it is. The arguments are those of `interpreter.run`."""
+    shared = tape.shared_places, tape.shared_values
+    program = tape.code, tape.starts, tape.numbers, tape.keys
+    run(
+        *program,
+        *shared,
+        tape.result,
+        low,
+        step,
+        rows,
+        NONE_READY,
+        work,
+        _NONE_LISTED,
+        places,
+        values,
+        *scratch(),
+        density,
+    )
