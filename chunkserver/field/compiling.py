@@ -37,7 +37,6 @@ def compile_beside() -> None:
     for add_noise in (add_value2, add_value3, add_cellular2, add_cellular3):
         add_noise(at, at, at, _NUMBERS, keys, below, out, *scratch())
     low, high = np.zeros((2, 1, 1), np.float32)
-    middle, at_middle = np.zeros((INPUTS, 1)), np.zeros((1, 1), np.float32)
-    spread, failed = np.zeros((1, 1)), np.zeros(1, np.int32)
-    bound(_CODE, _NUMBERS, middle, at_middle, False, np.zeros((3, INPUTS, 1)), failed, low, high, spread)
+    places, spread, failed = np.zeros((4, INPUTS, 1)), np.zeros((1, 1)), np.zeros(1, np.int32)
+    bound(_CODE, _NUMBERS, False, places, np.zeros((1, 1), np.float32), failed, low, high, spread)
     compile_skipping()

@@ -24,7 +24,7 @@ from chunkserver.field.arithmetic import ZERO, piece, smooth_min
 from chunkserver.field.coordinates import cell
 from chunkserver.field.noise.lattice import COORDINATE_MAX
 from chunkserver.field.points import run_at
-from chunkserver.field.tape import Tape
+from chunkserver.field.tape import INPUTS, Tape
 from chunkserver.kernel import inlined, kernel
 
 SLACK: Final = 2.0**-20
@@ -72,16 +72,12 @@ def bounds(tape: Tape, low: _Doubles, high: _Doubles, reach: float = 0.0, any_se
     any_seed: bound noise by its range alone, so that the bounds hold for, and are the same for, every seed.
     """
     n = low.shape[1]
-    middle, at_middle = run_at(tape, 0.5 * low + 0.5 * high)
-    places = np.empty((3, tape.places, n))
-    places[0, :3], places[1, :3], places[2, :3] = low, high, reach
-    found = Bounds(
-        np.empty(n, np.int32),
-        np.empty((tape.values, n), np.float32),
-        np.empty((tape.values, n), np.float32),
-        np.empty((tape.values, n)),
-    )
-    bound(tape.code, tape.numbers, middle, at_middle, any_seed, places, *found)
+    places, values = np.empty((4, tape.places, n)), np.empty((3, tape.values, n), np.float32)
+    places[0, :INPUTS], places[1, :INPUTS], places[2, :INPUTS] = low, high, reach
+    places[3, :INPUTS] = 0.5 * low + 0.5 * high
+    run_at(tape, places[3:], values[2:])
+    found = Bounds(np.empty(n, np.int32), values[0], values[1], np.empty((tape.values, n)))
+    bound(tape.code, tape.numbers, any_seed, places, values[2], *found)
     return found
 
 
@@ -89,10 +85,9 @@ def bounds(tape: Tape, low: _Doubles, high: _Doubles, reach: float = 0.0, any_se
 def bound(
     code: _Code,
     numbers: _Doubles,
-    middle: _Doubles,
-    at_middle: _Floats,
     any_seed: bool,
     places: _Doubles,
+    at_middle: _Floats,
     failed: _Code,
     low: _Floats,
     high: _Floats,
@@ -100,8 +95,8 @@ def bound(
 ) -> None:
     """Write the bounds of every register.
 
-    middle: (coordinate registers, n), at_middle: (value registers, n): what they are at the middles of the boxes.
-    places: (3, coordinate registers, n): low, high and spread out, but for the first three registers, the boxes.
+    places: (4, coordinate registers, n): low, high and spread, of which the first three registers are given, the boxes,
+        and the others written; and what all are at the middles of the boxes. at_middle: (value registers, n) there.
     failed, low, high, spread: out, as in `Bounds`.
     """
     for box in range(failed.size):
@@ -128,8 +123,8 @@ def bound(
                 else:
                     flat = op in (ops.GRADIENT2, ops.VALUE2, ops.SIMPLEX2, ops.CELLULAR2)
                     here = at_middle[out, box]
-                    rx, rz = _reach(x0, x1, middle[x, box]), _reach(z0, z1, middle[z, box])
-                    ry, dy = (0.0, 0.0) if flat else (_reach(y0, y1, middle[y, box]), dy)
+                    rx, rz = _reach(x0, x1, places[3, x, box]), _reach(z0, z1, places[3, z, box])
+                    ry, dy = (0.0, 0.0) if flat else (_reach(y0, y1, places[3, y, box]), dy)
                     radius, moved = np.sqrt(rx * rx + ry * ry + rz * rz), np.sqrt(dx * dx + dy * dy + dz * dz)
                     farthest = max(-x0, x1, -y0, y1, -z0, z1)
                     if op <= ops.SHAPE_LAST:

@@ -1,5 +1,7 @@
 """Running a tape from Python: over points, over a box of lattice points. Every point is worked out."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,17 +16,20 @@ _NOWHERE = np.zeros(3)
 _NONE_LISTED = np.empty(0, np.uint32)
 
 
-def run_at(tape: Tape, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Return all registers at n points: coordinates, (registers, n), and values, (registers, n).
+def run_at(tape: Tape, places: NDArray[np.float64], values: NDArray[np.float32]) -> None:
+    """Work out all registers at n points: what each instruction wrote, if the tape keeps them all.
 
-    points: (3, n) float64, x y z, voxels. The registers are what each instruction wrote if the tape keeps them all.
+    places: (1, coordinate registers, n), whose first three hold the points, x y z, voxels. values: (1, value registers,
+        n) out.
     """
-    n = points.shape[1]
-    places, values = np.empty((1, tape.places, n)), np.empty((1, tape.values, n), np.float32)
-    places[0, :INPUTS] = points
-    density = np.empty((1, n), np.float32)
-    _run(tape, _NOWHERE, 1.0, 0, np.array([[0, n, 0, 0, 1, 0, ALL]], np.int32), places, values, density)
-    return places[0], values[0]
+    n = places.shape[2]
+    _run(tape, _NOWHERE, 1.0, 0, _once(n), places, values, np.empty((1, n), np.float32))
+
+
+@lru_cache
+def _once(n: int) -> NDArray[np.int32]:
+    """Return the work of n points in one slab."""
+    return np.array([[0, n, 0, 0, 1, 0, ALL]], np.int32)
 
 
 def densities_at(tape: Tape, step: float, points: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -35,8 +40,7 @@ def densities_at(tape: Tape, step: float, points: NDArray[np.float64]) -> NDArra
         slab = points[start : start + SLAB_POINTS]
         n = len(slab)
         places[0, :INPUTS, :n] = slab.T
-        work = np.array([[0, n, 0, 0, 1, 0, ALL]], np.int32)
-        _run(tape, _NOWHERE, step, 0, work, places, values, density[:, start : start + n])
+        _run(tape, _NOWHERE, step, 0, _once(n), places, values, density[:, start : start + n])
     found: NDArray[np.float32] = density[0]
     return found
 

@@ -13,6 +13,9 @@ from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
 from chunkserver.recipe import WorldRecipe
 from chunkserver.samples import Samples, coarse_box
 
+Place = tuple[int, int, int]
+"""A lattice point: x, y, z, voxels."""
+
 
 def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Samples:
     """Return the densities of chunk `key`, band-limited to its level, every sample worked out anew.
@@ -25,9 +28,9 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int =
     Raises `BadKey` for a key outside the world, `BadParameter` for a shape that is not built, `BadRecipe` for a recipe
     that passes a limit or is not finite all over the world. An empty chunk is no error.
     """
-    low = _low(key, shape)
+    first = _first(key, shape)
     side = shape.samples
-    density = _sample(recipe, key.lod, low, (side, side, side))
+    density = _sample(recipe, key.lod, first, (side, side, side))
     if not coarser:
         return Samples(shape, density)
     return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
@@ -39,20 +42,18 @@ def sample_near_surface(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, c
     Of those the sign alone is right. What reads values apart from crossed edges, their ends' neighbours, and the faces
     of `coarser`, wants `sample`. Raises what `sample` raises.
     """
-    flat, low = flatten(recipe, key.lod), _low(key, shape)
+    flat, first = flatten(recipe, key.lod), _first(key, shape)
     if flat.cost < WORTH:
         return sample(recipe, key, shape, coarser)
-    density = run_near_surface(flat, low, float(key.step), shape.samples, shape.apron, coarser)
+    density = run_near_surface(flat, np.array(first, float), float(key.step), shape.samples, shape.apron, coarser)
     if not coarser:
         return Samples(shape, density)
     return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
 
 
-def _sample(
-    recipe: WorldRecipe, lod: int, low: NDArray[np.float64], shape: tuple[int, int, int]
-) -> NDArray[np.float32]:
-    """Return a level's densities over a box of its lattice points. low: x, y, z of the first one; shape: (y, z, x)."""
-    return run_box(flatten(recipe, lod).tape, low, float(1 << lod), shape)
+def _sample(recipe: WorldRecipe, lod: int, first: Place, shape: tuple[int, int, int]) -> NDArray[np.float32]:
+    """Return a level's densities over a box of its lattice points, whose first is given; shape: (y, z, x)."""
+    return run_box(flatten(recipe, lod).tape, np.array(first, float), float(1 << lod), shape)
 
 
 def densities(recipe: WorldRecipe, lod: int, points: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -74,25 +75,27 @@ def prove(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 
     Takes microseconds, where sampling takes hundreds. Raises what `sample` raises.
     """
     side = shape.samples
-    proven = _prove(recipe, key.lod, _low(key, shape), (side, side, side))
+    proven = _prove(recipe, key.lod, _first(key, shape), (side, side, side))
     if proven and coarser and _prove(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)) != proven:
         return None
     return proven
 
 
-def _prove(
-    recipe: WorldRecipe, lod: int, low: NDArray[np.float64], shape: tuple[int, int, int]
-) -> Literal["air", "rock"] | None:
-    """Return what a box of a level's lattice points is, if that can be shown. low, shape: as in `_sample`."""
+def _prove(recipe: WorldRecipe, lod: int, first: Place, shape: tuple[int, int, int]) -> Literal["air", "rock"] | None:
+    """Return what a box of a level's lattice points is, if that can be shown. first, shape: as in `_sample`."""
     flat = flatten(recipe, lod)
     planes, rows, width = shape
-    step = float(1 << lod)
-    if low[1] >= flat.sky:
+    (x, y, z), step = first, 1 << lod
+    top = y + step * (planes - 1)
+    if y >= flat.sky:
         return "air"
-    if low[1] + step * (planes - 1) <= flat.ground:
+    if top <= flat.ground:
         return "rock"
-    high = np.array((low[0] + step * (width - 1), low[1] + step * (planes - 1), low[2] + step * (rows - 1)))
-    found = bounds(flat.kept, low[:, None], high[:, None])
+    low, high = (
+        np.array(((x,), (y,), (z,)), float),
+        np.array(((x + step * (width - 1),), (top,), (z + step * (rows - 1),)), float),
+    )
+    found = bounds(flat.kept, low, high)
     if found.failed[0] != ALL_FINITE:  # what is finite all over the world may have wider bounds in a part of it
         return None
     if found.low[flat.kept.result, 0] >= 0:
@@ -100,14 +103,17 @@ def _prove(
     return "rock" if found.high[flat.kept.result, 0] < 0 else None
 
 
-def _coarse_box(key: ChunkKey, shape: ChunkShape, coarser: int) -> tuple[NDArray[np.float64], tuple[int, int, int]]:
+def _coarse_box(key: ChunkKey, shape: ChunkShape, coarser: int) -> tuple[Place, tuple[int, int, int]]:
     """Return which lattice points of the next level a mask takes: the first (x, y, z), voxels; how many, (y, z, x)."""
     box = coarse_box(shape.cells, coarser)
-    return np.array(key.low_corner(shape.cells), np.float64) + 2 * key.step * np.array(box.low), box.shape
+    x, y, z = (at + 2 * key.step * by for at, by in zip(key.low_corner(shape.cells), box.low, strict=True))
+    return (x, y, z), box.shape
 
 
-def _low(key: ChunkKey, shape: ChunkShape) -> NDArray[np.float64]:
+def _first(key: ChunkKey, shape: ChunkShape) -> Place:
     """Return the coordinates x, y, z of the first sample, voxels. Raises `BadKey` or `BadParameter`."""
     check_shape(shape)
     check_key(key, shape.cells)
-    return np.array(key.low_corner(shape.cells), np.float64) - shape.apron * key.step
+    x, y, z = key.low_corner(shape.cells)
+    margin = shape.apron * key.step
+    return x - margin, y - margin, z - margin

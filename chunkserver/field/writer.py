@@ -99,4 +99,6 @@ class Writer:
 def _evaluated(steps: list[Step]) -> float:
     """Return the value of the last step."""
     tape = allocate(steps, len(steps) - 1)
-    return float(run_at(tape, np.zeros((INPUTS, 1)))[1][tape.result, 0])
+    values = np.empty((1, tape.values, 1), np.float32)
+    run_at(tape, np.zeros((1, tape.places, 1)), values)
+    return float(values[0, tape.result, 0])

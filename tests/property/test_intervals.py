@@ -48,7 +48,12 @@ def values_over(tape: Tape, grid: Grid) -> NDArray[np.float32]:
     low, step, counts = grid
     along = [at + step * np.arange(count) for at, count in zip(low, counts, strict=True)]
     points = np.stack(np.meshgrid(*along, indexing="ij")).reshape(3, -1)
-    return run_at(tape, points)[1]
+    places = np.empty((1, tape.places, points.shape[1]))
+    values = np.empty((1, tape.values, points.shape[1]), np.float32)
+    places[0, :3] = points
+    run_at(tape, places, values)
+    found: NDArray[np.float32] = values[0]
+    return found
 
 
 def bounds_over(tape: Tape, grid: Grid, reach: float = 0.0) -> Bounds:
