@@ -19,9 +19,9 @@ Policy, argued once:
   new digest is a new folder, so nothing stale can be found. Recipes are left out of it: they are what kernels run, not
   what they are made of (`tests/house/test_kernels.py`), so a new built-in compiles nothing.
 
-One instruction is written out for the compiler, `lanes_below`: many comparisons at once, which it does not find by
-itself. It is plain vector code of its intermediate language, so any processor has it, and a Python function where
-nothing is compiled.
+Two instructions are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons
+at once, and `prefetch`. They are plain code of its intermediate language, so any processor has them, and are Python
+functions where nothing is compiled.
 
 `SOURCES_DIGEST` covers every source that the bytes of a chunk depend on, and is part of the generator version. The CPU
 is not part of it: the bits are the same on all of them.
@@ -137,10 +137,35 @@ def _vector_below(_typing: Any, values: Any, at: Any, limit: Any) -> Any:
     return numba.uint64(values, at, limit), write
 
 
+def _prefetch(values: NDArray[np.float32], at: np.uint64) -> None:
+    """Have `values[at]` brought nearer, for it will be read soon. A hint: `at` may lie outside, nothing is read."""
+
+
+def _machine_prefetch(_typing: Any, values: Any, at: Any) -> Any:
+    """Return the signature of `prefetch` and what writes it in the compiler's intermediate language."""
+    number, pointer = ir.IntType(32), ir.IntType(8).as_pointer()
+    hint = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+
+    def write(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[Any]) -> Any:
+        start = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        address = builder.bitcast(builder.gep(start, [arguments[1]]), pointer)
+        to_read, every_level, into_data = number(0), number(3), number(1)
+        builder.call(
+            builder.module.declare_intrinsic("llvm.prefetch", [pointer], hint),
+            [address, to_read, every_level, into_data],
+        )
+        return context.get_dummy_value()
+
+    return numba.void(values, at), write
+
+
 _Below = Callable[[NDArray[np.float32], np.uint64, np.float32], np.uint64]
 _IS_COMPILED: Final = not getattr(numba.config, "DISABLE_JIT")  # noqa: B009 - numba's types know no settings
 
 lanes_below: Final[_Below] = cast(_Below, numba.extending.intrinsic(_vector_below)) if _IS_COMPILED else _lanes_below
+prefetch: Final[Callable[[NDArray[np.float32], np.uint64], None]] = (
+    cast(Any, numba.extending.intrinsic(_machine_prefetch)) if _IS_COMPILED else _prefetch
+)
 
 
 def kept(name: str, make: Callable[[], Sequence[NDArray[Any]]]) -> list[NDArray[Any]]:

@@ -24,7 +24,19 @@ from chunkserver.mesh import EMPTY, Mesh, NormalKind, as_indices
 from chunkserver.mesher.bits import ONE, below, lowest, without_lowest
 from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES, CUBE_TRIANGLES_MAX
 from chunkserver.mesher.cell import CUBE
-from chunkserver.mesher.rows import FLAGS, RUN_BITS, RUN_CELLS, SLOT_X, Words, list_runs, pack, runs_of, slot_bits
+from chunkserver.mesher.rows import (
+    ALL_ROCK,
+    FLAGS,
+    MIXED,
+    RUN_BITS,
+    RUN_CELLS,
+    SLOT_X,
+    Words,
+    list_runs,
+    pack,
+    runs_of,
+    slot_bits,
+)
 from chunkserver.mesher.transitions import NO_SEAMS, count_seams, fill_seams
 from chunkserver.mesher.vertices import fill_vertices
 from chunkserver.samples import Samples
@@ -36,6 +48,10 @@ INDICES_MAX: Final = 3 * CUBE_TRIANGLES_MAX
 """Of one cell."""
 INDICES_MOST: Final = 9
 """So many are always written, whatever the case: cheaper than to ask each time. Few cells have more."""
+
+_NO_FIRSTS: Final = np.empty((0, 0, 0, 0), np.uint64)
+_NO_INT8: Final = np.empty(0, np.uint32)
+_NO_FLOAT32: Final = np.empty(0, np.float32)
 
 _Slots = NDArray[np.uint32]
 _Indices = NDArray[np.uint32]
@@ -49,24 +65,25 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     own border (`tests/property/test_closed.py`). Normals are within rounding of the interpolated central differences.
     """
     shape, density = samples.shape, samples.density.reshape(-1)
-    corners, runs, bits = shape.corners, runs_of(shape.cells), slot_bits(shape.cells)
-    rows = np.empty((corners, corners, runs), np.uint64)
-    if not pack(density, shape.samples, shape.apron, rows) and not samples.coarser:
-        return EMPTY["rock" if rows[0, 0, 0] & ONE else "air"]
-    firsts = np.empty((corners, corners, runs, 3), np.uint64)
+    rows = np.empty((shape.corners, shape.corners, runs_of(shape.cells)), np.uint64)
+    corners = pack(density, shape.samples, shape.apron, rows)
+    if corners != MIXED and not samples.coarser:
+        return EMPTY["rock" if corners == ALL_ROCK else "air"]
+    bits = slot_bits(shape.cells)
+    firsts = np.empty((*rows.shape, 3), np.uint64) if samples.coarser else _NO_FIRSTS
     edges, cells = np.empty(3 * rows.size + 1, np.uint64), np.empty(rows.size + 1, np.uint64)
-    ends = np.empty((corners, 2), np.uint64)
+    ends = np.empty((shape.corners, 2), np.uint64)
     list_runs(rows, bits, firsts, edges, cells, ends)
     vertices, mixed = ends[-1].tolist()
     seams = count_seams(samples, vertices) if samples.coarser else NO_SEAMS
     every = vertices + len(seams.vertices)
     if every == 0:
-        return EMPTY["rock" if rows[0, 0, 0] & ONE else "air"]
+        return EMPTY["rock" if corners == ALL_ROCK else "air"]
     slots, indices = np.empty(vertices, np.uint32), np.empty(INDICES_MAX * (mixed + 1), np.uint32)
     used = _connect(rows, bits, edges, cells, ends, _offsets(bits), slots, indices)
     positions = np.empty(every, np.uint64)
-    as_int8 = np.empty(every if normals == "int8" else 0, np.uint32)
-    as_float32 = np.empty(3 * every if normals == "float32" else 0, np.float32)
+    as_int8 = np.empty(every, np.uint32) if normals == "int8" else _NO_INT8
+    as_float32 = np.empty(3 * every, np.float32) if normals == "float32" else _NO_FLOAT32
     strides = _strides(shape.samples)
     fill_vertices(density, strides, shape.apron, shape.units_per_cell, bits, slots, positions, as_int8, as_float32)
     places, as_bytes = positions.view(np.uint16).reshape(-1, 4), as_int8.view(np.int8).reshape(-1, 4)

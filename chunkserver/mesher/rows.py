@@ -22,15 +22,23 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.kernel import LANES, inlined, kernel
+from chunkserver.kernel import LANES, inlined, kernel, prefetch
 from chunkserver.mesher.bits import ONE, below, popcount
 from chunkserver.mesher.crossing import are_rock, is_rock
 
-RUN_CELLS: Final = 32
+RUN_CELLS: Final = 2 * LANES
 RUN_BITS: Final = np.uint64(RUN_CELLS + 1)
 FLAGS: Final = (ONE << RUN_BITS) - ONE
 SLOT_X: Final = np.uint64(2)
 """How far a place is shifted in a slot: below are two bits for the axis."""
+
+AHEAD: Final = np.uint64(1024)
+"""So many samples before they are packed, they are asked for: as far as a row takes memory to answer. A page of memory
+ends the machine's own foresight, and a plane of samples is longer than one."""
+
+ALL_AIR: Final = 0
+ALL_ROCK: Final = 1
+MIXED: Final = 2
 
 Words = NDArray[np.uint64]
 _Densities = NDArray[np.float32]
@@ -47,25 +55,29 @@ def slot_bits(cells: int) -> int:
 
 
 @kernel
-def pack(density: _Densities, side: int, apron: int, rows: Words) -> bool:
-    """Write the inside flags of all corners. Returns whether some are inside and some are not.
+def pack(density: _Densities, side: int, apron: int, rows: Words) -> int:
+    """Write the inside flags of all corners. Returns `ALL_AIR`, `ALL_ROCK` or `MIXED`.
 
     density: flat, `side` samples a side. rows: (y, z, run) out.
     """
     corners, _, runs = rows.shape
     cells = (corners - 1) // runs
+    end, second = np.uint64(cells), np.uint64(min(LANES, cells - LANES))
     some, every = np.uint64(0), ~np.uint64(0)
     for y in range(corners):
-        for z in range(corners):
-            start = ((y + apron) * side + z + apron) * side + apron
-            for run in range(runs):
-                first = np.uint64(start + cells * run)
-                flags = np.uint64(is_rock(density[first + np.uint64(cells)])) << np.uint64(cells)
-                for lane in range(0, cells, LANES):
-                    flags |= are_rock(density, first + np.uint64(lane)) << np.uint64(lane)
+        for run in range(runs):
+            first = np.uint64(((y + apron) * side + apron) * side + apron + cells * run)
+            for z in range(corners):
+                prefetch(density, first + AHEAD)
+                prefetch(density, first + AHEAD + np.uint64(LANES))
+                flags = are_rock(density, first) | are_rock(density, first + second) << second
+                flags |= np.uint64(is_rock(density[first + end])) << end
                 rows[y, z, run] = flags
                 some, every = some | flags, every & flags
-    return bool(some != np.uint64(0) and every != below(np.uint64(cells + 1)))
+                first += np.uint64(side)
+    if some == np.uint64(0):
+        return ALL_AIR
+    return ALL_ROCK if every == below(end + ONE) else MIXED
 
 
 @inlined
@@ -96,9 +108,9 @@ def mixed_cells(rows: Words, y: int, z: int, run: int) -> np.uint64:
 def list_runs(rows: Words, bits: int, firsts: Words, edges: Words, cells: Words, ends: Words) -> None:
     """List what is crossed, in the order of y, z, run, axis.
 
-    bits: `slot_bits`. firsts: (y, z, run, axis) out, the number of the first vertex of each run of edges. edges, cells:
-    out, an entry for each run that is not empty, and room for one more. ends: (y, 2) out, how many vertices and how
-    many mixed cells there are up to the end of each plane.
+    bits: `slot_bits`. firsts: (y, z, run, axis) out, the number of the first vertex of each run of edges; or empty.
+    edges, cells: out, an entry for each run that is not empty, and room for one more. ends: (y, 2) out, how many
+    vertices and how many mixed cells there are up to the end of each plane.
     """
     corners, _, runs = rows.shape
     vertices, mixed, edge, cell = np.uint64(0), np.uint64(0), np.uint64(0), np.uint64(0)
@@ -111,7 +123,8 @@ def list_runs(rows: Words, bits: int, firsts: Words, edges: Words, cells: Words,
                 entry = slot << SLOT_X + RUN_BITS
                 crossed = crossed_edges(rows, y, z, run)
                 for axis in range(3):
-                    firsts[y, z, run, axis] = vertices
+                    if firsts.size > 0:
+                        firsts[y, z, run, axis] = vertices
                     vertices += popcount(crossed[axis])
                     edges[edge] = entry | np.uint64(axis) << RUN_BITS | crossed[axis]
                     edge += np.uint64(crossed[axis] != 0)
