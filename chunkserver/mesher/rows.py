@@ -81,7 +81,7 @@ def pack(density: _Densities, side: int, apron: int, rows: Words) -> int:
 
 
 @inlined
-def crossed_edges(rows: Words, y: int, z: int, run: int) -> tuple[np.uint64, np.uint64, np.uint64]:
+def _crossed_edges(rows: Words, y: int, z: int, run: int) -> tuple[np.uint64, np.uint64, np.uint64]:
     """Return which edges along x, y and z are crossed, by the corner of a run that they start at."""
     corners, _, runs = rows.shape
     cells = below(np.uint64((corners - 1) // runs))
@@ -93,7 +93,7 @@ def crossed_edges(rows: Words, y: int, z: int, run: int) -> tuple[np.uint64, np.
 
 
 @inlined
-def mixed_cells(rows: Words, y: int, z: int, run: int) -> np.uint64:
+def _mixed_cells(rows: Words, y: int, z: int, run: int) -> np.uint64:
     """Return which cells of a run have corners on both sides of the surface. There is no row behind the last one."""
     corners, _, runs = rows.shape
     if y + 1 == corners or z + 1 == corners:
@@ -121,14 +121,14 @@ def list_runs(rows: Words, bits: int, firsts: Words, edges: Words, cells: Words,
                     RUN_CELLS * run
                 )
                 entry = slot << SLOT_X + RUN_BITS
-                crossed = crossed_edges(rows, y, z, run)
+                crossed = _crossed_edges(rows, y, z, run)
                 for axis in range(3):
                     if firsts.size > 0:
                         firsts[y, z, run, axis] = vertices
                     vertices += popcount(crossed[axis])
                     edges[edge] = entry | np.uint64(axis) << RUN_BITS | crossed[axis]
                     edge += np.uint64(crossed[axis] != 0)
-                found = mixed_cells(rows, y, z, run)
+                found = _mixed_cells(rows, y, z, run)
                 mixed += popcount(found)
                 cells[cell] = entry | found
                 cell += np.uint64(found != 0)

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from chunkserver.grid import POSITION_LOW
 from chunkserver.kernel import inlined, kept, kernel
 from chunkserver.mesh import POSITION_W
-from chunkserver.mesher.bits import below, popcount
+from chunkserver.mesher.bits import ONE, below, popcount
 from chunkserver.mesher.cases import LoopTable, loop_table
 from chunkserver.mesher.cell import TRANSITION
 from chunkserver.mesher.crossing import crossing, is_rock
 from chunkserver.mesher.faces import Face, Walk, corner_at, face_at, masked_faces
 from chunkserver.mesher.normals import edge_normal, store_normal, twin_normal
 from chunkserver.mesher.room import make_room, room
-from chunkserver.mesher.rows import RUN_CELLS, crossed_edges
+from chunkserver.mesher.rows import RUN_CELLS
 from chunkserver.mesher.triangles import has_three_places
 from chunkserver.samples import Samples, coarse_box
 
@@ -342,5 +342,7 @@ def _vertex(face: Face, edge: int, i: int, j: int, numbers: NDArray[np.int32], r
     y = p if face.u == 1 else q if face.v == 1 else face.far
     z = p if face.u == 2 else q if face.v == 2 else face.far
     run = min(x // RUN_CELLS, rows.shape[2] - 1)
-    before = crossed_edges(rows, y, z, run)[axis] & below(np.uint64(x - run * RUN_CELLS))
+    here = rows[y, z, run]
+    after = here >> ONE if axis == 0 else rows[y + (axis == 1), z + (axis == 2), run]
+    before = (here ^ after) & below(np.uint64(x - run * RUN_CELLS))
     return int(np.int64(firsts[y, z, run, axis] + popcount(before)))

@@ -19,7 +19,7 @@ from chunkserver.mesher.crossing import crossing, is_rock
 from chunkserver.mesher.normals import as_byte, between, unit
 from chunkserver.mesher.rows import SLOT_X
 
-BLOCK: Final = 256
+BLOCK: Final = 128
 """Vertices that are worked on together: what they gather stays in the nearest cache."""
 
 GATHERED: Final = 14
