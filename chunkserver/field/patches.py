@@ -36,6 +36,7 @@ ROUNDED_UP: Final = 1 + 2.0**-20
 FACE_LAYERS: Final = 3
 """Layers of samples on each face before a coarser neighbour whose values matter, whatever their signs are."""
 
+WORD_BITS: Final = 64
 _ONE: Final = np.uint64(1)
 _PATCH: Final = np.uint64(PATCH)
 _ROW_OF_PATCH: Final = np.uint64((1 << PATCH) - 1)
@@ -49,21 +50,6 @@ _Doubles = NDArray[np.float64]
 _Code = NDArray[np.int32]
 _Bytes = NDArray[np.uint8]
 _Words = NDArray[np.uint64]
-
-
-@kernel
-def corners(low: _Doubles, step: float, regions: int, lows: _Doubles, highs: _Doubles) -> None:
-    """Write the corners of all regions, (3, n), x y z."""
-    region = 0
-    for y in range(regions):
-        for z in range(regions):
-            for x in range(regions):
-                lows[0, region] = low[0] + step * (REGION * x)
-                lows[1, region] = low[1] + step * (REGION * y)
-                lows[2, region] = low[2] + step * (REGION * z)
-                for axis in range(3):
-                    highs[axis, region] = lows[axis, region] + step * (REGION - 1)
-                region += 1
 
 
 @kernel
@@ -82,15 +68,15 @@ def judge(
     kinds: _Bytes,
     chosen: _Code,
     known: _Bytes,
+    states: _Bytes,
     out: _Code,
     out_keys: NDArray[np.uint32],
     starts: _Code,
 ) -> int:
     """Write kind and program of each region, and the code of all programs; return how many there are.
 
-    code, reads: of the tape that keeps all registers; own_code, own_keys: of the one that is run.
+    code, reads: of the tape that keeps all registers; own_code, own_keys: of the one that is run. states: scratch.
     """
-    states = np.empty(code.shape[0], np.uint8)
     count = 0
     for region in range(kinds.size):
         lowest, highest = low[result, region], high[result, region]
@@ -115,6 +101,7 @@ def list_work(
     wanted: _Bytes,
     size: int,
     chosen: _Code,
+    of_region: int,
     programs: int,
     side: int,
     slab_blocks: int,
@@ -123,11 +110,11 @@ def list_work(
 ) -> int:
     """Write the pieces of work that make all wanted blocks; return how many there are.
 
-    wanted: (y, z, x) of blocks, `size` points a side. chosen: (y, z, x) programs of regions. side: points a side.
+    wanted: (y, z, x) of blocks, `size` points a side. chosen: (y, z, x) programs of regions, `of_region`
+    blocks a side. side: points a side.
     slab_blocks: how many rows of blocks a slab has. work, listed: out, as `interpreter.run` wants them.
     """
     blocks, regions = wanted.shape[0], chosen.shape[0]
-    of_region = (blocks + regions - 1) // regions
     pieces, at = 0, np.uint64(0)
     for first_row in range(0, blocks, slab_blocks):
         last_row = min(first_row + slab_blocks, blocks)
@@ -169,21 +156,22 @@ def settle(
     faces: int,
     side: int,
     fill: np.float32,
+    rows: _Floats,
     wanted: _Bytes,
     density: _Floats,
 ) -> None:
     """Write which patches have to be worked out, and the densities of the others: their sign.
 
-    middles: the densities at the middles of patches of OPEN regions, (y, z * x).
+    middles: the densities at the middles of patches of OPEN regions, (y, z * x). rows: (3, side, rounded up to whole
+    patches) scratch. density: flat.
     """
     patches = wanted.shape[0]
     before, behind = (FACE_LAYERS + PATCH - 1) // PATCH, (side - FACE_LAYERS) // PATCH
-    by, known, row = np.empty(patches, np.float32), np.empty(patches, np.float32), np.empty(PATCH * patches, np.float32)
-    flat, end = density.reshape(-1), np.uint64(side)
+    by, known, row, end = rows[0], rows[1], rows[2], np.uint64(side)
     for y in range(np.uint64(patches)):
         for z in range(np.uint64(patches)):
             if z % np.uint64(PATCHES) == 0:
-                _around(kinds, spread, int(y) // PATCHES, int(z) // PATCHES, by, known)
+                _around(kinds, spread, int(y) // PATCHES, int(z) // PATCHES, patches, by, known)
             for x in range(np.uint64(patches)):
                 value = known[x] if known[x] != 0 else middles[y, z * np.uint64(patches) + x]
                 wanted[y, z, x] = not abs(value) > by[x]
@@ -200,53 +188,51 @@ def settle(
                 for to in range(_PATCH * z, min(_PATCH * z + _PATCH, end)):
                     start = (plane * end + to) * end
                     for place in range(end):
-                        flat[start + place] = row[place]
+                        density[start + place] = row[place]
 
 
-@kernel
-def _around(kinds: _Bytes, spread: _Doubles, y: int, z: int, by: _Floats, known: _Floats) -> None:
+@inlined
+def _around(kinds: _Bytes, spread: _Doubles, y: int, z: int, patches: int, by: _Floats, known: _Floats) -> None:
     """Write for a row of patches what their middles must be beyond, and 1 for air, -1 for rock, 0 for not known."""
-    for x in range(by.size):
+    for x in range(patches):
         kind = kinds[y, z, x // PATCHES]
         by[x] = spread[y, z, x // PATCHES] * ROUNDED_UP if kind == OPEN else 0 if kind < OPEN else ANYWHERE
         known[x] = 0 if kind == OPEN else 1 if kind == AIR else -1
 
 
 @kernel
-def miss(density: _Floats, apron: int, wanted: _Bytes) -> int:
+def miss(density: _Floats, apron: int, wanted: _Bytes, rock: _Words, ends: _Words) -> int:
     """Replace the patches that were worked out by those that are read but were not; return how many those are.
 
-    Read are the samples at the ends of crossed edges, and their neighbours along the axes.
+    Read are the samples at the ends of crossed edges, and their neighbours along the axes. density: flat. rock, ends:
+    (y, z, word) scratch.
     """
-    side = density.shape[0]
-    words = (side + 63) // 64
-    rock, ends = np.empty((side, side, words), np.uint64), np.empty((side, side, words), np.uint64)
-    corner, edge = np.empty(words, np.uint64), np.empty(words, np.uint64)
-    for word in range(words):
-        corner[word] = _places(apron - 64 * word, side - apron - 64 * word)
-        edge[word] = _places(apron - 64 * word, side - apron - 1 - 64 * word)
-    flat, start = density.reshape(-1), np.uint64(0)
+    side, words = rock.shape[0], rock.shape[2]
+    start = np.uint64(0)
     for y in range(side):
         for z in range(side):
             for word in range(words):
                 flags = np.uint64(0)
                 for place in range(np.uint64(min(64, side - word * 64))):
-                    flags |= np.uint64(flat[start + place] < 0) << place
+                    flags |= np.uint64(density[start + place] < 0) << place
                 rock[y, z, word], ends[y, z, word] = flags, np.uint64(0)
                 start += np.uint64(min(64, side - word * 64))
     first, last = np.uint64(apron), np.uint64(side - apron)
     for y in range(first, last):
         for z in range(first, last):
             for word in range(np.uint64(words)):
+                before = apron - 64 * int(word)
+                behind = side - apron - 64 * int(word)
+                corner, edge = _places(before, behind), _places(before, behind - 1)
                 flags = rock[y, z, word]
                 follows = rock[y, z, word + _ONE] << np.uint64(63) if word + _ONE < words else np.uint64(0)
-                along = (flags ^ (flags >> _ONE | follows)) & edge[word]
+                along = (flags ^ (flags >> _ONE | follows)) & edge
                 if along:
                     ends[y, z, word] |= along | along << _ONE
                     if word + _ONE < words:
                         ends[y, z, word + _ONE] |= along >> np.uint64(63)
-                across = (flags ^ rock[y, z + _ONE, word]) & corner[word] if z + _ONE < last else np.uint64(0)
-                up = (flags ^ rock[y + _ONE, z, word]) & corner[word] if y + _ONE < last else np.uint64(0)
+                across = (flags ^ rock[y, z + _ONE, word]) & corner if z + _ONE < last else np.uint64(0)
+                up = (flags ^ rock[y + _ONE, z, word]) & corner if y + _ONE < last else np.uint64(0)
                 if across | up:
                     ends[y, z, word] |= across | up
                     ends[y, z + _ONE, word] |= across
@@ -263,7 +249,7 @@ def _places(first: int, last: int) -> np.uint64:
     return (~np.uint64(0) >> np.uint64(64 - (last - first))) << np.uint64(first)
 
 
-@kernel
+@inlined
 def _unread(ends: _Words, wanted: _Bytes) -> int:
     """Replace the wanted patches by those that hold a neighbour of an end and are not wanted; return how many."""
     side, words, patches = np.uint64(ends.shape[0]), np.uint64(ends.shape[2]), np.uint64(wanted.shape[0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from chunkserver.field import ops
 from chunkserver.field.intervals import SLACK
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import inlined
 
 PROGRAMS_MAX: Final = 24
 """Of one box; regions that would need more get the whole tape."""
@@ -24,7 +24,7 @@ _Code = NDArray[np.int32]
 _States = NDArray[np.uint8]
 
 
-@kernel
+@inlined
 def prune(
     code: _Code,
     numbers: NDArray[np.float64],
@@ -85,7 +85,7 @@ def _taken(op: int, a0: np.float32, a1: np.float32, b0: np.float32, b1: np.float
     return AS_IT_IS
 
 
-@kernel
+@inlined
 def find_program(states: _States, known: _States, count: int) -> int:
     """Return the number of the program with these states: `count` if it is a new one, which is added.
 
@@ -103,7 +103,7 @@ def find_program(states: _States, known: _States, count: int) -> int:
     return count
 
 
-@kernel
+@inlined
 def write_programs(
     code: _Code,
     keys: NDArray[np.uint32],
@@ -135,7 +135,7 @@ def write_programs(
         starts[number + 1] = to
 
 
-@kernel
+@inlined
 def _copy(
     code: _Code,
     keys: NDArray[np.uint32],

@@ -25,7 +25,7 @@ from chunkserver.field.patches import (
     PATCHES,
     REACH,
     REGION,
-    corners,
+    WORD_BITS,
     judge,
     list_work,
     miss,
@@ -55,14 +55,16 @@ def run_near_surface(flat: Flat, low: _Doubles, step: float, side: int, apron: i
     near = (regions.kinds == OPEN).view(np.uint8)
     middles = np.empty((patches, patches * patches), np.float32)
     if near.any():
-        _Box(flat, regions, low + REACH * step, PATCH * step, middles).work_out(near, PATCHES)
+        _Box(flat, regions, low + REACH * step, PATCH * step, middles).work_out(near, PATCHES, 1)
     density = np.empty((side, side * side), np.float32)
     wanted = np.empty((patches, patches, patches), np.uint8)
-    settle(regions.kinds, regions.spread, middles, faces, side, FILL, wanted, density)
+    rows = np.empty((3, PATCH * patches), np.float32)
+    settle(regions.kinds, regions.spread, middles, faces, side, FILL, rows, wanted, density.reshape(-1))
     box = _Box(flat, regions, low, step, density)
-    box.work_out(wanted, PATCH)
-    if miss(density, apron, wanted):
-        box.work_out(wanted, PATCH)
+    box.work_out(wanted, PATCH, PATCHES)
+    rock, ends = np.empty((2, side, side, -(-side // WORD_BITS)), np.uint64)
+    if miss(density.reshape(-1), apron, wanted, rock, ends):
+        box.work_out(wanted, PATCH, PATCHES)
     return density.reshape(side, side, side)
 
 
@@ -71,14 +73,14 @@ def compile_skipping() -> None:
     code, keys, starts = np.empty((1, ops.COLUMNS), np.int32), np.empty((1, 3), np.uint32), np.empty(2, np.int32)
     numbers, reads, low = np.zeros(ops.NUMBERS_LONGEST), np.full((1, 6), -1, np.int32), np.empty((1, 0), np.float32)
     none, kinds, programs = np.empty(0, np.int32), np.empty(0, np.uint8), np.empty((PROGRAMS_MAX, 1), np.uint8)
-    spread, states = np.empty((1, 0)), (kinds, none, programs, code, keys, starts)
-    corners(np.zeros(3), 1.0, 0, np.empty((3, 0)), np.empty((3, 0)))
+    spread, states = np.empty((1, 0)), (kinds, none, programs, programs[0], code, keys, starts)
     judge(code, numbers, reads, 0, 0, none, low, low, spread, code, keys, *states)
     wanted, chosen = np.empty((0, 0, 0), np.uint8), np.empty((0, 0, 0), np.int32)
-    list_work(wanted, 1, chosen, 0, 0, 1, np.empty((0, WORK_COLUMNS), np.int32), np.empty(0, np.uint32))
+    list_work(wanted, 1, chosen, 1, 0, 0, 1, np.empty((0, WORK_COLUMNS), np.int32), np.empty(0, np.uint32))
     density = np.empty((0, 0), np.float32)
-    settle(wanted, np.empty((0, 0, 0)), density, 0, 0, FILL, wanted, density)
-    miss(density, 0, wanted)
+    flat, words = np.empty(0, np.float32), np.empty((0, 0, 1), np.uint64)
+    settle(wanted, np.empty((0, 0, 0)), density, 0, 0, FILL, np.empty((3, 0), np.float32), wanted, flat)
+    miss(flat, 0, wanted, words, words)
 
 
 class _Regions(NamedTuple):
@@ -98,17 +100,19 @@ class _Regions(NamedTuple):
 
 def _judged(flat: Flat, low: _Doubles, step: float, regions: int) -> _Regions:
     tape, n, instructions = flat.kept, regions**3, len(flat.kept.code)
-    lows, highs = np.empty((2, 3, n))
-    corners(low, step, regions, lows, highs)
-    found = bounds(tape, lows, highs, REACH * step)
+    along = REGION * step * np.arange(regions)
+    corners = np.empty((3, regions, regions, regions))
+    corners[0], corners[1], corners[2] = low[0] + along, low[1] + along[:, None, None], low[2] + along[:, None]
+    lows = corners.reshape(3, n)
+    found = bounds(tape, lows, lows + (REGION - 1) * step, REACH * step)
     kinds, chosen = np.empty(n, np.uint8), np.empty(n, np.int32)
     room = PROGRAMS_MAX * instructions
     code, keys = np.empty((room, ops.COLUMNS), np.int32), np.empty((room, 3), np.uint32)
     starts = np.empty(PROGRAMS_MAX + 1, np.int32)
-    known = np.empty((PROGRAMS_MAX, instructions), np.uint8)
+    known = np.empty((PROGRAMS_MAX + 1, instructions), np.uint8)  # the last row is scratch
     own = flat.tape.code, flat.tape.keys
     of_tape = tape.code, tape.numbers, tape.reads, tape.columns, tape.result
-    count = judge(*of_tape, *found, *own, kinds, chosen, known, code, keys, starts)
+    count = judge(*of_tape, *found, *own, kinds, chosen, known, known[-1], code, keys, starts)
     shape = regions, regions, regions
     spread = found.spread[tape.result].reshape(shape)
     return _Regions(kinds.reshape(shape), spread, chosen.reshape(shape), count, code, keys, starts)
@@ -126,18 +130,18 @@ class _Box:
         self._values = np.empty((2, flat.tape.values, self._points), np.float32)
         self._ready = NONE_READY
 
-    def work_out(self, wanted: _Bytes, size: int) -> None:
-        """Write the densities of wanted blocks, (y, z, x), `size` points a side."""
+    def work_out(self, wanted: _Bytes, size: int, of_region: int) -> None:
+        """Write the densities of wanted blocks, (y, z, x), `size` points a side, `of_region` blocks a region's side."""
         tape, regions, side = self._tape, self._regions, len(self._density)
         slab_blocks = self._points // side // size
         slabs = -(-len(wanted) // slab_blocks)
         work = np.empty((slabs * len(wanted) * regions.programs, WORK_COLUMNS), np.int32)
         listed = np.empty(len(wanted) * side * side, np.uint32)
-        pieces = list_work(wanted, size, regions.chosen, regions.programs, side, slab_blocks, work, listed)
+        pieces = list_work(wanted, size, regions.chosen, of_region, regions.programs, side, slab_blocks, work, listed)
         program = regions.code, regions.starts, tape.numbers, regions.keys
         shared = tape.shared_places, tape.shared_values
         registers = self._places, self._values
         box = self._low, self._step
         todo = work[:pieces], listed
         run(*program, *shared, tape.result, *box, side, self._ready, *todo, *registers, *scratch(), self._density)
-        self._ready = 0 if slabs == 1 else NONE_READY
+        self._ready = 0 if slabs == 1 and pieces else NONE_READY

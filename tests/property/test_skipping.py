@@ -92,6 +92,13 @@ def test_branches_that_cannot_show_change_nothing(op, lod):
             assert not faults(recipe, ChunkKey(lod, 0, y, -1), ChunkShape(32))
 
 
+def test_a_surface_between_patches_that_are_all_settled():
+    """No patch is worked out but those that are read."""
+    assert not faults(
+        WorldRecipe(0, canonical({"op": "heightfield", "height": 0.5})), ChunkKey(0, 0, 0, 0), ChunkShape(16)
+    )
+
+
 def test_most_samples_of_a_planets_ground_are_not_worked_out():
     recipe = WorldRecipe(42, builtin("planet"))
     assert share(recipe, ChunkKey(0, 0, 6, 0), ChunkShape(32)) < 0.75
