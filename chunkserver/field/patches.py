@@ -21,7 +21,7 @@ from chunkserver.field.interpreter import (
 )
 from chunkserver.field.intervals import ALL_FINITE, ANYWHERE
 from chunkserver.field.programs import PROGRAMS_MAX, find_program, prune, write_programs
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import LANES, inlined, kernel, lanes_below
 
 REGION: Final = 12
 """Samples a side."""
@@ -37,6 +37,8 @@ FACE_LAYERS: Final = 3
 """Layers of samples on each face before a coarser neighbour whose values matter, whatever their signs are."""
 
 WORD_BITS: Final = 64
+_LANES: Final = np.uint64(LANES)
+_ISOVALUE: Final = np.float32(0)
 _ONE: Final = np.uint64(1)
 _PATCH: Final = np.uint64(PATCH)
 _ROW_OF_PATCH: Final = np.uint64((1 << PATCH) - 1)
@@ -212,11 +214,14 @@ def miss(density: _Floats, apron: int, wanted: _Bytes, rock: _Words, ends: _Word
     for y in range(side):
         for z in range(side):
             for word in range(words):
-                flags = np.uint64(0)
-                for place in range(np.uint64(min(64, side - word * 64))):
-                    flags |= np.uint64(density[start + place] < 0) << place
+                flags, count = np.uint64(0), np.uint64(min(WORD_BITS, side - word * WORD_BITS))
+                whole = count - count % _LANES
+                for place in range(np.uint64(0), whole, _LANES):
+                    flags |= lanes_below(density, start + place, _ISOVALUE) << place
+                for place in range(whole, count):
+                    flags |= np.uint64(density[start + place] < _ISOVALUE) << place
                 rock[y, z, word], ends[y, z, word] = flags, np.uint64(0)
-                start += np.uint64(min(64, side - word * 64))
+                start += count
     first, last = np.uint64(apron), np.uint64(side - apron)
     for y in range(first, last):
         for z in range(first, last):
