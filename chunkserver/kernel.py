@@ -19,9 +19,9 @@ Policy, argued once:
   new digest is a new folder, so nothing stale can be found. Recipes are left out of it: they are what kernels run, not
   what they are made of (`tests/house/test_kernels.py`), so a new built-in compiles nothing.
 
-Two instructions are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons
-at once, and `prefetch`. They are plain code of its intermediate language, so any processor has them, and are Python
-functions where nothing is compiled.
+Three instructions are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons
+at once, `prefetch`, and `choose`. They are plain code of its intermediate language, so any processor has them, and are
+Python functions where nothing is compiled.
 
 `SOURCES_DIGEST` covers every source that the bytes of a chunk depend on, and is part of the generator version. The CPU
 is not part of it: the bits are the same on all of them.
@@ -86,6 +86,7 @@ _SPLICED: Final[dict[str, Any]] = {**_POLICY, "inline": "always"}
 _INLINED: Final[dict[str, Any]] = {**_POLICY, "forceinline": True, "no_cpython_wrapper": True}
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_Number = TypeVar("_Number")
 
 
 def kernel(function: _Function) -> _Function:
@@ -166,6 +167,24 @@ lanes_below: Final[_Below] = cast(_Below, numba.extending.intrinsic(_vector_belo
 prefetch: Final[Callable[[NDArray[np.float32], np.uint64], None]] = (
     cast(Any, numba.extending.intrinsic(_machine_prefetch)) if _IS_COMPILED else _prefetch
 )
+
+
+def choose(flag: Any, yes: _Number, no: _Number) -> _Number:
+    """Return `yes if flag else no`, for two numbers of one type that are there anyway.
+
+    In a kernel it is one instruction. Numba makes a branch of a conditional, and LLVM is free to read memory on one
+    side of a branch alone: then a loop has masked loads in it, or no vectors at all.
+    """
+    return yes if flag else no
+
+
+def _choose_in_kernels(_context: Any, flag: Any, yes: Any, no: Any) -> Any:  # noqa: ARG001 - it has the type of yes
+    """Type `choose` as (bool, T, T) -> T, and make one instruction of it."""
+    return yes(flag, yes, yes), lambda _, builder, __, arguments: builder.select(*arguments)
+
+
+if _IS_COMPILED:
+    choose = numba.extending.intrinsic(_choose_in_kernels)  # type: ignore[assignment]
 
 
 def kept(name: str, make: Callable[[], Sequence[NDArray[Any]]]) -> list[NDArray[Any]]:

@@ -1,27 +1,29 @@
 """Every noise as one function of points, by its name in `NOISES`: compiled, as its plain twin, as its definition."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from chunkserver.field import ops
 from chunkserver.field.noise import NOISES, lattice
+from chunkserver.field.noise.blended import add_blended
 from chunkserver.field.noise.cellular import DISTANCE, EDGE, VALUE, add_cellular2, add_cellular3
-from chunkserver.field.noise.gradient import add_gradient2, add_gradient3
 from chunkserver.field.noise.names import noise_name
-from chunkserver.field.noise.simplex import add_simplex2, add_simplex3
-from chunkserver.field.noise.value import add_value2, add_value3
+from chunkserver.field.noise.simplex2 import add_simplex2
+from chunkserver.field.noise.simplex3 import add_simplex3
 from tests.reference import field_oracle, noise_twin
 
 Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 KERNELS: Final[dict[str, Any]] = {
-    "gradient2": add_gradient2,
-    "gradient3": add_gradient3,
-    "value2": add_value2,
-    "value3": add_value3,
+    **{
+        name: partial(add_blended, getattr(ops, name.upper()))
+        for name in ("gradient2", "gradient3", "value2", "value3")
+    },
     "simplex2": add_simplex2,
     "simplex3": add_simplex3,
     "cellular2": add_cellular2,
@@ -54,6 +56,7 @@ def evaluate(
     jitter: float = 1.0,
     amplitude: float = 1.0,
     below: Floats | None = None,
+    width: int = 0,
 ) -> Floats:
     """Run a compiled noise at points (n, 3): that named (seed, salt, octave), or that of `keys` without offset."""
     offsets: Sequence[float] = (0.0, 0.0, 0.0)
@@ -64,7 +67,7 @@ def evaluate(
     below = np.zeros(len(points), np.float32) if below is None else below
     out = np.empty(len(points), np.float32)
     x, y, z = np.ascontiguousarray(points.T)
-    KERNELS[op](x, y, z, numbers, np.array(keys, np.uint32), below, out, *lattice.scratch())
+    KERNELS[op](x, y, z, numbers, np.array(keys, np.uint32), below, out, *lattice.scratch(), width)
     return out
 
 

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from chunkserver.field import ops
 from chunkserver.field.arithmetic import combine
 from chunkserver.field.coordinates import move
+from chunkserver.field.noise.blended import add_blended
 from chunkserver.field.noise.cellular import add_cellular2, add_cellular3
-from chunkserver.field.noise.gradient import add_gradient2, add_gradient3
-from chunkserver.field.noise.simplex import add_simplex2, add_simplex3
-from chunkserver.field.noise.value import add_value2, add_value3
+from chunkserver.field.noise.simplex2 import add_simplex2
+from chunkserver.field.noise.simplex3 import add_simplex3
 from chunkserver.field.noise.white import white
 from chunkserver.field.shapes import distances
 from chunkserver.kernel import kernel, spliced
@@ -104,6 +104,7 @@ def run(
             of_slab = start != last_start
             at_places, at_values = places[0 if of_slab else own], values[0 if of_slab else own]
             at, end, count = 0, starts[0], n
+            row_points = width if rows and (of_slab or not own) else 0
             if not of_slab:
                 at, end = starts[work[piece, PROGRAM]], starts[work[piece, PROGRAM] + 1]
                 if own and plane == work[piece, FIRST_PLANE]:
@@ -112,7 +113,7 @@ def run(
                 if rows:
                     _level(low[1] + step * plane, count, at_places[1])
             while at < end:
-                _execute(code[at], numbers, keys[at], count, at_places, at_values, fractions, words)
+                _execute(code[at], numbers, keys[at], count, at_places, at_values, fractions, words, row_points)
                 at += 1
             last_start = start
             if of_slab:
@@ -182,6 +183,7 @@ def _execute(
     values: _Floats,
     fractions: _Floats,
     words: _Words,
+    width: int,
 ) -> None:
     op, constants = row[ops.CODE], numbers[row[ops.NUMBERS] :]
     x, y, z = places[row[ops.X], :n], places[row[ops.Y], :n], places[row[ops.Z], :n]
@@ -193,7 +195,8 @@ def _execute(
     elif op <= ops.SHAPE_LAST:
         distances(op, x, y, z, constants, values[row[ops.OUT], :n])
     else:
-        _noise(op, x, y, z, constants, keys, b, values[row[ops.OUT], :n], fractions, words)
+        in_rows = row[ops.X] == 0 and row[ops.Y] <= 1 and row[ops.Z] == 2
+        _noise(op, x, y, z, constants, keys, b, values[row[ops.OUT], :n], fractions, words, width if in_rows else 0)
 
 
 @spliced
@@ -208,26 +211,21 @@ def _noise(
     out: _Floats,
     fractions: _Floats,
     words: _Words,
+    width: int,
 ) -> None:
     """Write below + amplitude * noise, or for `random` the numbers of cells x, y, z: arrays (n,)."""
     if op == ops.RANDOM:
         white(x, y, z, keys, out)
-    elif op == ops.GRADIENT2:
-        add_gradient2(x, y, z, numbers, keys, below, out, fractions, words)
-    elif op == ops.GRADIENT3:
-        add_gradient3(x, y, z, numbers, keys, below, out, fractions, words)
-    elif op == ops.VALUE2:
-        add_value2(x, y, z, numbers, keys, below, out, fractions, words)
-    elif op == ops.VALUE3:
-        add_value3(x, y, z, numbers, keys, below, out, fractions, words)
+    elif op <= ops.VALUE3:
+        add_blended(op, x, y, z, numbers, keys, below, out, fractions, words, width)
     elif op == ops.SIMPLEX2:
-        add_simplex2(x, y, z, numbers, keys, below, out, fractions, words)
+        add_simplex2(x, y, z, numbers, keys, below, out, fractions, words, width)
     elif op == ops.SIMPLEX3:
-        add_simplex3(x, y, z, numbers, keys, below, out, fractions, words)
+        add_simplex3(x, y, z, numbers, keys, below, out, fractions, words, width)
     elif op == ops.CELLULAR2:
-        add_cellular2(x, y, z, numbers, keys, below, out, fractions, words)
+        add_cellular2(x, y, z, numbers, keys, below, out, fractions, words, width)
     else:
-        add_cellular3(x, y, z, numbers, keys, below, out, fractions, words)
+        add_cellular3(x, y, z, numbers, keys, below, out, fractions, words, width)
 
 
 @kernel

@@ -33,8 +33,9 @@ from chunkserver.field.patches import (
 )
 from chunkserver.field.programs import PROGRAMS_MAX
 
-WORTH: Final = 20.0
-"""Nanoseconds a sample must cost for this to pay: finding out what matters takes about 4 ns a sample of the chunk."""
+WORTH: Final = 40.0
+"""Nanoseconds a sample must cost for this to pay. Finding out what matters takes about 4 ns a sample of the chunk, and
+noise of samples that are not in rows takes three times as long or more."""
 FILL: Final = np.float32(1)
 """The density, but for its sign, of samples that are not worked out."""
 

@@ -80,10 +80,11 @@ def test_frequency_and_octaves_reach_fast_noise():
 
 
 def test_whole_chunk_of_the_peer_is_like_ours():
+    """As many triangles, as much open rock, but for the luck of other caves in so few chunks."""
     chunks = prepare(SCENES[whole.SCENE], 16)
     pieces = [whole.peer()(chunk.request.key) for chunk in chunks]
     counts = [piece.triangles for piece in pieces]
-    assert sum(counts) == pytest.approx(sum(len(chunk.mesh.triangles) for chunk in chunks), rel=0.1)
+    assert sum(counts) == pytest.approx(sum(len(chunk.mesh.triangles) for chunk in chunks), rel=0.15)
     assert all(len(piece.body) > 12 * piece.triangles for piece in pieces)
     theirs = np.mean([whole.peer_field()(chunk.request.key) >= 0 for chunk in chunks])
     assert theirs == pytest.approx(np.mean([corners(chunk) >= 0 for chunk in chunks]), rel=0.1)

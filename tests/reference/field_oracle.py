@@ -22,14 +22,20 @@ def stir(bits: Words, multiplier: np.uint32) -> Words:
     return folded
 
 
-def corner_bits(corner: Sequence[Integers], axes: Sequence[np.uint32], keys: Sequence[int], splits: int) -> Words:
+def corner_bits(
+    corner: Sequence[Integers],
+    axes: Sequence[np.uint32],
+    keys: Sequence[int],
+    splits: int,
+    multiplier: np.uint32 = lattice.ROUND_2,
+) -> Words:
     """Return the hashes of lattice corners, given as integer arrays, one an axis, that broadcast against each other."""
     total = np.zeros((), np.uint32)
     for i, axis, key in zip(corner, axes, keys, strict=True):
         word = i.view(np.uint64) + np.uint64(splits * EXPONENT % 2**64)
         low, high = word.astype(np.uint32), (word >> np.uint64(32)).astype(np.uint32)
         total = total + stir(low * axis + high * lattice.PAGE + np.uint32(key), lattice.ROUND_1)
-    return stir(total, lattice.ROUND_2)
+    return stir(total, multiplier)
 
 
 def third(bits: Words) -> Integers:
@@ -74,11 +80,11 @@ def values(bits: Words) -> Doubles:
     return bits.view(np.int32) / 2.0**31
 
 
-def hashes(corner: Integers, keys: Sequence[int], splits: int) -> Words:
+def hashes(corner: Integers, keys: Sequence[int], splits: int, multiplier: np.uint32 = lattice.ROUND_2) -> Words:
     """Return the hashes of lattice points, (n, 3), or (n, 2) of x and z."""
     axes = (0, 2) if corner.shape[1] == 2 else (0, 1, 2)
     multipliers = [(lattice.AXIS_X, lattice.AXIS_Y, lattice.AXIS_Z)[axis] for axis in axes]
-    return corner_bits(list(corner.T.copy()), multipliers, [keys[axis] for axis in axes], splits)
+    return corner_bits(list(corner.T.copy()), multipliers, [keys[axis] for axis in axes], splits, multiplier)
 
 
 def placed(points: Doubles, cells: Integers | None, dimensions: int) -> tuple[Doubles, Integers]:
@@ -88,38 +94,43 @@ def placed(points: Doubles, cells: Integers | None, dimensions: int) -> tuple[Do
     return points[:, axes], whole[:, axes]
 
 
-def simplex(points: Doubles, whole: Integers, parts: tuple[int, int]) -> Iterator[tuple[Integers, Doubles]]:
-    """Yield corners of simplices near enough to the points, skewed, and the ways from them.
+def triangles(points: Doubles, whole: Integers) -> Iterator[tuple[Integers, Doubles]]:
+    """Yield corners of triangles near enough to the points, skewed, and the ways from them.
 
-    Skewed by p + sum(p) * parts[0] / parts[1]. Points are skewed in float64, so they should be small. Cells are skewed
-    as integers: as many steps along the diagonal as keep them whole, the rest goes back to the points.
+    Skewed by p + sum(p) * 4 / 11. Points are skewed in float64, so they should be small. Cells are skewed as integers:
+    as many steps along the diagonal as keep them whole, the rest goes back to the points.
     """
-    up, down = parts
-    unskew = up / (down + up * points.shape[1])
-    rest = whole.sum(1, keepdims=True) % down * np.eye(1, points.shape[1], dtype=np.int64)
+    rest = whole.sum(1, keepdims=True) % 11 * np.eye(1, 2, dtype=np.int64)
     points, whole = points + rest, whole - rest
-    whole = whole + whole.sum(1, keepdims=True) // down * up
-    skewed = points + points.sum(1, keepdims=True) * up / down
-    for step in itertools.product(range(-1, 3), repeat=points.shape[1]):
+    whole = whole + whole.sum(1, keepdims=True) // 11 * 4
+    skewed = points + points.sum(1, keepdims=True) * 4 / 11
+    for step in itertools.product(range(-1, 3), repeat=2):
         corner = np.floor(skewed).astype(np.int64) + step
-        yield whole + corner, points - (corner - corner.sum(1, keepdims=True) * unskew)
+        yield whole + corner, points - (corner - corner.sum(1, keepdims=True) * 4 / 19)
 
 
 def simplex2(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
     """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
     value = np.zeros(len(points))
-    for corner, away in simplex(*placed(points, cells, 2), (4, 11)):
+    for corner, away in triangles(*placed(points, cells, 2)):
         slope = (gradient_2(hashes(corner, keys, splits=5)) * away).sum(1)
         value += np.maximum(0.5 - (away**2).sum(1), 0) ** 4 * slope
     return value * 99.5
 
 
 def simplex3(points: Doubles, keys: Sequence[int], cells: Integers | None = None) -> Doubles:
-    """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on."""
+    """Return simplex noise at points (n, 3), in lattice cells, from `cells` (n, 3) on.
+
+    Its lattice is that of whole numbers and, half a cell away along each axis, a second one.
+    """
+    points, whole = placed(points, cells, 3)
     value = np.zeros(len(points))
-    for corner, away in simplex(*placed(points, cells, 3), (1, 3)):
-        slope = (gradient_3(hashes(corner, keys, splits=2)) * away).sum(1)
-        value += np.maximum(0.5 - (away**2).sum(1), 0) ** 4 * slope
+    for half, multiplier in ((0.0, lattice.ROUND_2), (0.5, lattice.ROUND_1)):
+        for step in itertools.product((-1, 0, 1, 2), repeat=3):
+            corner = np.floor(points - half).astype(np.int64) + step
+            away = points - half - corner
+            slope = (gradient_3(hashes(whole + corner, keys, splits=1, multiplier=multiplier)) * away).sum(1)
+            value += np.maximum(0.5 - (away**2).sum(1), 0) ** 4 * slope
     return value * 76.8
 
 

@@ -5,11 +5,13 @@ but the constants.
 """
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from chunkserver.field.noise import cellular, gradient, lattice, simplex
+from chunkserver.field.noise import cellular, gradient, lattice
+from chunkserver.field.noise import simplex2 as plane
+from chunkserver.field.noise import simplex3 as space
 
 f32 = np.float32
 MASK_32 = (1 << 32) - 1
@@ -64,18 +66,22 @@ def quintic(t: np.float32) -> np.float32:
     return t * t * t * (t * (t * f32(6) - f32(15)) + f32(10))
 
 
+def compass(bits: int) -> list[np.float32]:
+    """Return the x and z of one of sixteen unit gradients."""
+    long, short = (gradient.COS_3, gradient.SIN_3) if bits >> 29 & 1 else (gradient.COS_1, gradient.SIN_1)
+    pair = [flip(long, bits >> 31), flip(short, bits >> 30 & 1)]
+    return pair[::-1] if bits >> 28 & 1 else pair
+
+
+def icosahedron(bits: int) -> list[np.float32]:
+    """Return the x, y and z of one of twelve gradients."""
+    u, v, zero = flip(f32(1), bits >> 31), flip(gradient.PHI, bits >> 30 & 1), f32(0)
+    return [[zero, u, v], [u, v, zero], [v, zero, u]][third(bits)]
+
+
 def dot2(bits: int, away: Sequence[np.float32]) -> np.float32:
-    steep, swap = bits >> 29 & 1, bits >> 28 & 1
-    long, short = reversed(away) if swap else away
-    a = (gradient.COS_3 if steep else gradient.COS_1) * long
-    b = (gradient.SIN_3 if steep else gradient.SIN_1) * short
-    return flip(a, bits >> 31) + flip(b, bits >> 30 & 1)
-
-
-def dot3(bits: int, away: Sequence[np.float32]) -> np.float32:
-    dx, dy, dz = away
-    u, v = ((dy, dz), (dx, dy), (dz, dx))[third(bits)]
-    return flip(u, bits >> 31) + flip(gradient.PHI * v, bits >> 30 & 1)
+    x, z = compass(bits)
+    return x * away[0] + z * away[1]
 
 
 def edge_slope(bits: int, away: Sequence[np.float32]) -> np.float32:
@@ -83,35 +89,68 @@ def edge_slope(bits: int, away: Sequence[np.float32]) -> np.float32:
     return flip(u, bits >> 31) + flip(v, bits >> 30 & 1)
 
 
-def blended(point: Point, keys: Sequence[int], value: Callable[[int, Sequence[np.float32]], np.float32]) -> np.float32:
-    """Blend value(hash, way from the corner) of the corners of the point's cell, along x first, along z last."""
+def mix(low: np.float32, high: np.float32, share: np.float32) -> np.float32:
+    return low + share * (high - low)
+
+
+def corners(point: Point, keys: Sequence[int]) -> tuple[dict[tuple[int, ...], int], dict[int, np.float32]]:
+    """Return the hash of each corner of the point's cell, by its steps up, and where in the cell the point lies."""
     parts = {axis: split(coordinate) for axis, coordinate in point.items()}
-
-    def blend(axes: Sequence[int], up: dict[int, int]) -> np.float32:
-        if not axes:
-            bits = corner_hash({axis: parts[axis][0] + step + EXPONENT for axis, step in up.items()}, keys)
-            return value(bits, [f32(parts[axis][1]) + f32(0.5 - up[axis]) for axis in point])
-        *inner, axis = axes
-        low, high = (blend(inner, {axis: step, **up}) for step in (0, 1))
-        return low + quintic(f32(parts[axis][1]) + f32(0.5)) * (high - low)
-
-    return blend(list(point), {})
+    found = {}
+    for up in itertools.product((0, 1), repeat=len(point)):
+        corner = {axis: parts[axis][0] + step + EXPONENT for axis, step in zip(point, up, strict=True)}
+        found[up] = corner_hash(corner, keys)
+    return found, {axis: f32(part) for axis, (_, part) in parts.items()}
 
 
 def gradient2(x: np.float64, _y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
-    return gradient.GRADIENT2_SCALE * blended({0: x, 2: z}, keys, dot2)
+    """Blend along x what is left of each line along it, a value and a slope along z; then along z."""
+    hashes, at = corners({0: x, 2: z}, keys)
+    lines = []
+    for up_z in (0, 1):
+        (x0, z0), (x1, z1) = (compass(hashes[up_x, up_z]) for up_x in (0, 1))
+        blend = quintic(at[0] + f32(0.5))
+        lines.append((mix(x0 * (at[0] + f32(0.5)), x1 * (at[0] - f32(0.5)), blend), mix(z0, z1, blend)))
+    return gradient.GRADIENT2_SCALE * between(lines, at[2])
 
 
 def gradient3(x: np.float64, y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
-    return gradient.GRADIENT3_SCALE * blended({0: x, 1: y, 2: z}, keys, dot3)
+    """Blend along y, then as in the plane."""
+    hashes, at = corners({0: x, 1: y, 2: z}, keys)
+    below, above = at[1] + f32(0.5), at[1] - f32(0.5)
+    lines = []
+    for up_z in (0, 1):
+        edges = []
+        for up_x in (0, 1):
+            (x0, y0, z0), (x1, y1, z1) = (icosahedron(hashes[up_x, up_y, up_z]) for up_y in (0, 1))
+            along_x = mix(x0, x1, quintic(below)) * (at[0] + f32(0.5 - up_x))
+            edges.append((mix(y0 * below, y1 * above, quintic(below)) + along_x, mix(z0, z1, quintic(below))))
+        lines.append([mix(low, high, quintic(at[0] + f32(0.5))) for low, high in zip(*edges, strict=True)])
+    return gradient.GRADIENT3_SCALE * between(lines, at[2])
+
+
+def between(lines: Sequence[Sequence[np.float32]], at: np.float32) -> np.float32:
+    """Return what two lines, a value and a slope each, make of a point at `at` from the middle between them."""
+    near, far = at + f32(0.5), at - f32(0.5)
+    return mix(lines[0][0] + lines[0][1] * near, lines[1][0] + lines[1][1] * far, quintic(near))
+
+
+def blended(point: Point, keys: Sequence[int]) -> np.float32:
+    """Blend the random numbers of the corners of the point's cell, along x first, along z last."""
+    hashes, at = corners(point, keys)
+    values = {up: unit(bits) for up, bits in hashes.items()}
+    for axis in at:
+        share = quintic(at[axis] + f32(0.5))
+        values = {up[1:]: mix(low, values[1, *up[1:]], share) for up, low in values.items() if up[0] == 0}
+    return values[()]
 
 
 def value2(x: np.float64, _y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
-    return blended({0: x, 2: z}, keys, lambda bits, _: unit(bits))
+    return blended({0: x, 2: z}, keys)
 
 
 def value3(x: np.float64, y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
-    return blended({0: x, 1: y, 2: z}, keys, lambda bits, _: unit(bits))
+    return blended({0: x, 1: y, 2: z}, keys)
 
 
 def simplex2(x: np.float64, _y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
@@ -130,39 +169,54 @@ def simplex2(x: np.float64, _y: np.float64, z: np.float64, keys: Sequence[int]) 
     for steps, (up_x, up_z) in enumerate([(0, 0), (1, 0) if dx >= dz else (0, 1), (1, 1)]):
         away = dx + f32(4 / 19 * steps - up_x), dz + f32(4 / 19 * steps - up_z)
         bits = corner_hash({0: low_x + up_x, 2: low_z + up_z}, keys)
-        value += kernel(away[0] * away[0] + away[1] * away[1]) * dot2(bits, away)
-    return value * simplex.SIMPLEX2_SCALE
+        value += kernel(plane.REACH - (away[0] * away[0] + away[1] * away[1])) * dot2(bits, away)
+    return value * plane.SIMPLEX2_SCALE
 
 
 def simplex3(x: np.float64, y: np.float64, z: np.float64, keys: Sequence[int]) -> np.float32:
+    """Add up what the two lattices make, each of its nearest corner and of the next one along one axis."""
     cells, parts = zip(*(split(c) for c in (x, y, z)), strict=True)
-    total = sum(cells)
-    q = int(np.rint(np.float64(total) * (1 / 3) - 2))
-    f, rest = [f32(part) for part in parts], f32(total - 3 * q)
-
-    skew = ((f[0] + f[1]) + (f[2] + rest)) * f32(1 / 3)
-    a = [np.rint((part + skew) - f32(0.5)) for part in f]
-    unskew = ((a[0] + a[1]) + (a[2] + rest)) * f32(1 / 6)
-    d = [(part - low) + unskew for part, low in zip(f, a, strict=True)]
-
-    corner = [cell + q + int(low) + 2 * EXPONENT for cell, low in zip(cells, a, strict=True)]
-    value, walked = f32(0), [0, 0, 0]
-    for step, axis in enumerate([None, *largest_first(d)]):
-        if axis is not None:
-            walked[axis] = 1
-        away = [d[i] + f32(step / 6 - walked[i]) for i in range(3)]
-        bits = corner_hash({i: corner[i] + walked[i] for i in range(3)}, keys)
-        value += kernel((away[0] * away[0] + away[1] * away[1]) + away[2] * away[2]) * edge_slope(bits, away)
-    return value * simplex.SIMPLEX3_SCALE
+    at = [f32(part) for part in parts]
+    up = [1 if part >= 0 else -1 for part in at]
+    whole = [(cell, cell + step) for cell, step in zip(cells, up, strict=True)]
+    halves = [(cell, cell - 1) if step > 0 else (cell - 1, cell) for cell, step in zip(cells, up, strict=True)]
+    other = [part - f32(step / 2) for part, step in zip(at, up, strict=True)]
+    ways = [part - f32(step) for part, step in zip(at, up, strict=True)]
+    other_ways = [part + f32(step) for part, step in zip(other, up, strict=True)]
+    value = two_corners(whole, at, ways, keys, lattice.ROUND_2) + f32(0)
+    value = two_corners(halves, other, other_ways, keys, lattice.ROUND_1) + value
+    return space.SIMPLEX3_SCALE * value
 
 
-def largest_first(d: list[np.float32]) -> list[int]:
-    """Return the axes, that of the largest coordinate first; of equal ones x before y before z."""
-    return sorted(range(3), key=lambda axis: -d[axis])
+def two_corners(
+    corner: list[tuple[int, int]],
+    near: list[np.float32],
+    far: list[np.float32],
+    keys: Sequence[int],
+    multiplier: np.uint32,
+) -> np.float32:
+    """Return what a lattice's nearest corner and the next one make.
+
+    corner: by axis, the numbers of the nearer and the farther one. near, far: the ways from them.
+    """
+    side = [f32(2) * abs(part) - f32(1) for part in near]
+    across = max(side[1], side[2])
+    axis = 0 if side[0] >= across else 1 if side[1] >= side[2] else 2
+    left = plane.REACH - (near[1] * near[1] + near[2] * near[2]) - near[0] * near[0]
+    value = f32(0)
+    for turned in (False, True):
+        step = [int(turned and i == axis) for i in range(3)]
+        away = [(near[i], far[i])[step[i]] for i in range(3)]
+        total = sum(axis_hash(corner[i][step[i]] + EXPONENT, i, keys[i]) for i in range(3))
+        value += kernel(left + max(side[0], across) if turned else left) * edge_slope(
+            stir(total & MASK_32, multiplier), away
+        )
+    return value
 
 
-def kernel(square: np.float32) -> np.float32:
-    left = max(simplex.REACH - square, f32(0))
+def kernel(left: np.float32) -> np.float32:
+    """Return left^4, or 0 where it is negative. left: the squared radius, less the squared distance."""
+    left = max(left, f32(0))
     return (left * left) * (left * left)
 
 

@@ -1,7 +1,7 @@
 """Noise over points: hashes and blends, no table gathers, written so that the loops vectorise.
 
-Every noise is a function of one shape in the file of its family, `gradient`, `value`, `simplex` or `cellular`:
-`add_<noise>(x, y, z, numbers, keys, below, out, fractions, words)`. It writes
+Every noise is a function of one shape, in `simplex2`, `simplex3`, `cellular`, or for gradient and value noise in
+`blended`: `add_<noise>(x, y, z, numbers, keys, below, out, fractions, words, width)`. It writes
 
     out = below + amplitude * noise(frequency * point + offset)
 
@@ -11,6 +11,8 @@ numbers: (5 or more,) float64: amplitude, frequency (lattice cells per voxel), o
 keys: (3,) uint32, the noise's hash keys of x, y, z.
 below, out: (n,) float32 that do not overlap.
 fractions, words: scratch memory, as `scratch` makes it.
+width: 0, or how many points a row has: then the points come in whole rows, all with the same x, and each with one y and
+    one z. What depends on one axis, or on y and z, is then worked out once. The bits are the same either way.
 
 Defined where the coordinates in lattice cells are at most COORDINATE_MAX. Only + - * sqrt and comparisons: the same
 bits on every machine. `tests/reference/noise_twin.py` says it all again in plain Python, point by point.

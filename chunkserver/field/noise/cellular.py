@@ -27,6 +27,7 @@ from chunkserver.field.noise.lattice import (
     PAGE,
     ROUND_1,
     ROUND_2,
+    ROW,
     ZERO,
     Doubles,
     Floats,
@@ -54,12 +55,12 @@ _HALF_WORD: Final = np.uint32(16)
 
 # Rows of scratch behind those that a split fills. Fractions: F1 and F2, squared. Words: three hashes of each axis, of
 # the cells below, at and above the point's; and the hash of the nearest feature point.
-_NEAREST: Final = 3 * BLOCK
-_SECOND: Final = 4 * BLOCK
-_X: Final = 6 * BLOCK
-_Y: Final = 9 * BLOCK
-_Z: Final = 12 * BLOCK
-_WINNER: Final = 15 * BLOCK
+_NEAREST: Final = 3 * ROW
+_SECOND: Final = 4 * ROW
+_X: Final = 6 * ROW
+_Y: Final = 9 * ROW
+_Z: Final = 12 * ROW
+_WINNER: Final = 15 * ROW
 
 
 @kernel
@@ -73,6 +74,7 @@ def add_cellular2(
     out: Floats,
     fractions: Floats,
     words: Words,
+    width: int,  # noqa: ARG001 - all noises have one signature
 ) -> None:
     """Write below + amplitude * 2-D cellular noise. Arguments: see the package; numbers[5:7] are jitter and what."""
     spread = np.float32(numbers[5]) * _GRAIN
@@ -81,10 +83,10 @@ def add_cellular2(
         n = stop - start
         split2(x[start:stop], z[start:stop], numbers, fractions, words)
         _hash_cells(words[:_X], words[_X:_Y], n, AXIS_X, keys[0])
-        _hash_cells(words[2 * BLOCK : _X], words[_Z:_WINNER], n, AXIS_Z, keys[2])
+        _hash_cells(words[2 * ROW : _X], words[_Z:_WINNER], n, AXIS_Z, keys[2])
         fractions[_NEAREST:] = _FAR
         for at_x in range(3):
-            _column2(fractions, words, words[_X + at_x * BLOCK :], n, np.float32(at_x - 1), spread)
+            _column2(fractions, words, words[_X + at_x * ROW :], n, np.float32(at_x - 1), spread)
         _finish(fractions, words, numbers, below[start:stop], out[start:stop])
 
 
@@ -99,6 +101,7 @@ def add_cellular3(
     out: Floats,
     fractions: Floats,
     words: Words,
+    width: int,  # noqa: ARG001 - all noises have one signature
 ) -> None:
     """Write below + amplitude * 3-D cellular noise. Arguments: see the package; numbers[5:7] are jitter and what."""
     spread = np.float32(numbers[5]) * _GRAIN
@@ -107,12 +110,12 @@ def add_cellular3(
         n = stop - start
         split3(x[start:stop], y[start:stop], z[start:stop], numbers, fractions, words)
         _hash_cells(words[:_X], words[_X:_Y], n, AXIS_X, keys[0])
-        _hash_cells(words[2 * BLOCK : _X], words[_Y:_Z], n, AXIS_Y, keys[1])
-        _hash_cells(words[4 * BLOCK : _X], words[_Z:_WINNER], n, AXIS_Z, keys[2])
+        _hash_cells(words[2 * ROW : _X], words[_Y:_Z], n, AXIS_Y, keys[1])
+        _hash_cells(words[4 * ROW : _X], words[_Z:_WINNER], n, AXIS_Z, keys[2])
         fractions[_NEAREST:] = _FAR
         for at_x in range(3):
             for at_y in range(3):
-                xs, ys = words[_X + at_x * BLOCK :], words[_Y + at_y * BLOCK :]
+                xs, ys = words[_X + at_x * ROW :], words[_Y + at_y * ROW :]
                 _column3(fractions, words, xs, ys, n, np.float32(at_x - 1), np.float32(at_y - 1), spread)
         _finish(fractions, words, numbers, below[start:stop], out[start:stop])
 
@@ -122,22 +125,22 @@ def _hash_cells(coordinates: Words, hashes: Words, n: int, axis: np.uint32, key:
     """Hash n coordinates, a row of low and a row of high words, into three rows: one below, itself, one above."""
     for i in range(n):
         low = coordinates[i]
-        here = np.uint32(np.uint32(low * axis) + np.uint32(np.uint32(coordinates[i + BLOCK] * PAGE) + key))
+        here = np.uint32(np.uint32(low * axis) + np.uint32(np.uint32(coordinates[i + ROW] * PAGE) + key))
         down = np.uint32(here - axis) - (PAGE if low == np.uint32(0) else np.uint32(0))
         up = np.uint32(here + axis) + (PAGE if low == np.uint32(0xFFFFFFFF) else np.uint32(0))
         hashes[i] = stir(np.uint32(down), ROUND_1)
-        hashes[i + BLOCK] = stir(here, ROUND_1)
-        hashes[i + 2 * BLOCK] = stir(np.uint32(up), ROUND_1)
+        hashes[i + ROW] = stir(here, ROUND_1)
+        hashes[i + 2 * ROW] = stir(np.uint32(up), ROUND_1)
 
 
 @kernel
 def _column2(fractions: Floats, words: Words, xs: Words, n: int, step: np.float32, spread: np.float32) -> None:
     """Rank the feature points of the three cells `step` cells along x. xs: their hashes of x."""
     for i in range(n):
-        dx, fz = np.float32(step - fractions[i]), fractions[i + BLOCK]
+        dx, fz = np.float32(step - fractions[i]), fractions[i + ROW]
         first, second, winner = fractions[i + _NEAREST], fractions[i + _SECOND], words[i + _WINNER]
         for at_z in range(3):
-            bits = stir(np.uint32(xs[i] + words[i + _Z + at_z * BLOCK]), ROUND_2)
+            bits = stir(np.uint32(xs[i] + words[i + _Z + at_z * ROW]), ROUND_2)
             away_x = np.float32(dx + _shift(bits, spread))
             away_z = np.float32(np.float32(np.float32(at_z - 1) - fz) + _shift(stir(bits, ROUND_1), spread))
             square = np.float32(np.float32(away_x * away_x) + np.float32(away_z * away_z))
@@ -158,12 +161,12 @@ def _column3(
 ) -> None:
     """Rank the feature points of the three cells (step_x, step_y) cells away. xs, ys: their hashes of x and y."""
     for i in range(n):
-        dx, dy = np.float32(step_x - fractions[i]), np.float32(step_y - fractions[i + BLOCK])
-        fz = fractions[i + 2 * BLOCK]
+        dx, dy = np.float32(step_x - fractions[i]), np.float32(step_y - fractions[i + ROW])
+        fz = fractions[i + 2 * ROW]
         across = np.uint32(xs[i] + ys[i])
         first, second, winner = fractions[i + _NEAREST], fractions[i + _SECOND], words[i + _WINNER]
         for at_z in range(3):
-            bits = stir(np.uint32(across + words[i + _Z + at_z * BLOCK]), ROUND_2)
+            bits = stir(np.uint32(across + words[i + _Z + at_z * ROW]), ROUND_2)
             more = stir(bits, ROUND_1)
             away_x, away_y = np.float32(dx + _shift(bits, spread)), np.float32(dy + _shift(more, spread))
             away_z = np.float32(np.float32(at_z - 1) - fz) + _shift(np.uint32(more << _HALF_WORD), spread)

@@ -3,8 +3,11 @@
     loop 1, 64-bit lanes    a coordinate -> the whole number nearest to it, and the small fraction that is left
     loop 2, 32-bit lanes    everything else: corners, hashes, gradients, kernels
 
+Where points come in rows, loop 1 runs over the x of one row, and the y and z of all rows; the rest of what depends on
+one axis is then worked out there too (`blended`, `simplex3`).
+
 Two loops, because a loop runs at the width of its widest type: one loop over both would do the long part at half width.
-What passes between them is a block of BLOCK points that stays in the first-level cache. Once the whole number is split
+What passes between them is a block of BLOCK points, which stays in the caches. Once the whole number is split
 off, only small numbers are left: noise is as smooth at 2**40 voxels as at the origin.
 
 A lattice point is hashed axis by axis, from all 64 bits of its coordinate, and the axes' hashes are added and stirred
@@ -18,12 +21,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import choose, inlined, kernel
 
 BLOCK: Final = 256
-"""Points at a time: loop 2 of cellular noise reads and writes 15 rows of four bytes, 15 KB a block."""
-FRACTION_ROWS: Final = 5
+"""Points at a time: 1 KB a row of scratch. Cellular noise has 15 rows of four bytes in its loop 2, simplex noise 37."""
+ROW: Final = BLOCK + 16
+"""Numbers from one row of scratch to the next. At multiples of 1 KB all rows would share a few sets of a cache."""
+FRACTION_ROWS: Final = 25
 WORD_ROWS: Final = 16
+LANES: Final = 8
+"""Numbers of 32 bits in a vector of AVX2: rows of points are worked out in whole vectors."""
+ROW_LEAST: Final = 16
+"""Shorter rows are taken point by point: most of their vectors would be empty."""
 
 COORDINATE_MAX: Final = 2.0**50
 """Noise is defined for coordinates, in lattice cells, up to this magnitude."""
@@ -40,6 +49,7 @@ def _sqrt_bits(n: int) -> np.uint32:
 AXIS_X: Final = _sqrt_bits(2)
 AXIS_Y: Final = _sqrt_bits(3)
 AXIS_Z: Final = _sqrt_bits(5)
+AXES: Final = AXIS_X, AXIS_Y, AXIS_Z
 PAGE: Final = _sqrt_bits(7)
 ROUND_1: Final = np.uint32(0x85EBCA6B)
 ROUND_2: Final = np.uint32(0xC2B2AE35)
@@ -55,7 +65,7 @@ LAST_THIRD: Final = np.int32(2**32 // 6)
 """A hash as a signed number falls below, between or above these: three equal parts."""
 _SIGN: Final = np.uint32(1 << 31)
 _TO_UNIT: Final = np.float32(2.0**-31)
-_LAST: Final = np.uint32(0xFFFFFFFF)
+LAST_WORD: Final = np.uint32(0xFFFFFFFF)
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -64,7 +74,13 @@ Words = NDArray[np.uint32]
 
 def scratch() -> tuple[Floats, Words]:
     """Return the two arrays that pass a block from loop 1 to loop 2: rows of BLOCK fractions, rows of BLOCK words."""
-    return np.empty(FRACTION_ROWS * BLOCK, np.float32), np.empty(WORD_ROWS * BLOCK, np.uint32)
+    return np.empty(FRACTION_ROWS * ROW, np.float32), np.empty(WORD_ROWS * ROW, np.uint32)
+
+
+@inlined
+def whole_vectors(n: int) -> int:
+    """Return n, rounded up to whole vectors."""
+    return (n + LANES - 1) // LANES * LANES
 
 
 @inlined
@@ -85,6 +101,22 @@ def floor32(x: np.float32) -> np.float32:
     return np.float32(np.float32(np.float32(x - HALF) + _ROUNDER_32) - _ROUNDER_32)
 
 
+@inlined
+def split(
+    axis: int, place: Doubles, first: int, stride: int, n: int, numbers: Doubles, fractions: Floats, words: Words
+) -> None:
+    """Split n coordinates of one axis, from the `first` on each `stride` after the one before.
+
+    Writes a row of fractions, low and high words.
+    """
+    places, frequency, offset = place[first:], numbers[1], numbers[2 + axis]
+    for i in range(n):
+        at = places[i * stride] * frequency + offset
+        cell, bits = nearest(at)
+        fractions[i] = at - cell
+        words[i], words[i + ROW] = bits, bits >> np.uint64(32)
+
+
 @kernel
 def split2(x: Doubles, z: Doubles, numbers: Doubles, fractions: Floats, words: Words) -> None:
     """Split coordinates of up to BLOCK points: rows x, z of fractions, rows x low, x high, z low, z high of words."""
@@ -92,9 +124,9 @@ def split2(x: Doubles, z: Doubles, numbers: Doubles, fractions: Floats, words: W
     for i in range(x.size):
         px, pz = x[i] * frequency + offset_x, z[i] * frequency + offset_z
         (cell_x, ix), (cell_z, iz) = nearest(px), nearest(pz)
-        fractions[i], fractions[i + BLOCK] = px - cell_x, pz - cell_z
-        words[i], words[i + BLOCK] = ix, ix >> np.uint64(32)
-        words[i + 2 * BLOCK], words[i + 3 * BLOCK] = iz, iz >> np.uint64(32)
+        fractions[i], fractions[i + ROW] = px - cell_x, pz - cell_z
+        words[i], words[i + ROW] = ix, ix >> np.uint64(32)
+        words[i + 2 * ROW], words[i + 3 * ROW] = iz, iz >> np.uint64(32)
 
 
 @kernel
@@ -104,10 +136,10 @@ def split3(x: Doubles, y: Doubles, z: Doubles, numbers: Doubles, fractions: Floa
     for i in range(x.size):
         px, py, pz = x[i] * frequency + offset_x, y[i] * frequency + offset_y, z[i] * frequency + offset_z
         (cell_x, ix), (cell_y, iy), (cell_z, iz) = nearest(px), nearest(py), nearest(pz)
-        fractions[i], fractions[i + BLOCK], fractions[i + 2 * BLOCK] = px - cell_x, py - cell_y, pz - cell_z
-        words[i], words[i + BLOCK] = ix, ix >> np.uint64(32)
-        words[i + 2 * BLOCK], words[i + 3 * BLOCK] = iy, iy >> np.uint64(32)
-        words[i + 4 * BLOCK], words[i + 5 * BLOCK] = iz, iz >> np.uint64(32)
+        fractions[i], fractions[i + ROW], fractions[i + 2 * ROW] = px - cell_x, py - cell_y, pz - cell_z
+        words[i], words[i + ROW] = ix, ix >> np.uint64(32)
+        words[i + 2 * ROW], words[i + 3 * ROW] = iy, iy >> np.uint64(32)
+        words[i + 4 * ROW], words[i + 5 * ROW] = iz, iz >> np.uint64(32)
 
 
 @inlined
@@ -118,7 +150,7 @@ def axis_hashes(
     word = np.uint32(low + up)
     carry = np.uint32((low & ~word) >> np.uint32(31))
     first = np.uint32(np.uint32(word * axis) + np.uint32(np.uint32(np.uint32(high + carry) * PAGE) + key))
-    turns = PAGE if word == _LAST else np.uint32(0)
+    turns = choose(word == LAST_WORD, PAGE, HERE)
     return stir(first, ROUND_1), stir(np.uint32(np.uint32(first + axis) + turns), ROUND_1)
 
 
@@ -139,16 +171,3 @@ def flip(value: np.float32, bits: np.uint32) -> np.float32:
 def unit(bits: np.uint32) -> np.float32:
     """Return the bits as a number in [-1, 1], evenly spread."""
     return np.float32(np.float32(np.int32(bits)) * _TO_UNIT)
-
-
-@inlined
-def quintic(t: np.float32) -> np.float32:
-    """Return 6t^5 - 15t^4 + 10t^3: 0 to 1 with two zero derivatives at both ends."""
-    inner = np.float32(t * np.float32(np.float32(t * np.float32(6)) - np.float32(15)) + np.float32(10))
-    return np.float32(np.float32(np.float32(t * t) * t) * inner)
-
-
-@inlined
-def mix(low: np.float32, high: np.float32, share: np.float32) -> np.float32:
-    """Return low at share 0, high at share 1, linear in between."""
-    return np.float32(low + np.float32(share * np.float32(high - low)))

@@ -1,86 +1,34 @@
 """Value noise: a random number at each lattice corner, blended over the square or cube between them.
 
-A cell is the unit square or cube around a whole number, so corners lie half-way between whole numbers. The blend is the
-quintic one of gradient noise; it makes each value a mean of the corners' values, so it stays in their range.
+The blend is the quintic one of gradient noise; it makes each value a mean of the corners' values, so it stays in their
+range.
 """
 
 import numpy as np
 
-from chunkserver.field.noise.lattice import (
-    AXIS_X,
-    AXIS_Y,
-    AXIS_Z,
-    BLOCK,
-    HALF,
-    HERE,
-    ROUND_2,
-    Doubles,
-    Floats,
-    Words,
-    axis_hashes,
-    mix,
-    quintic,
-    split2,
-    split3,
-    stir,
-    unit,
-)
+from chunkserver.field.noise.lattice import ROUND_2, ROW, ZERO, Floats, Words, stir, unit
+from chunkserver.field.noise.lines import HIGH, LINE_Y, LOW, X_BLEND, X_HIGH, X_LOW, mix
 from chunkserver.kernel import inlined, kernel
 
 
 @kernel
-def add_value2(
-    x: Doubles,
-    y: Doubles,  # noqa: ARG001 - all noises have one signature
-    z: Doubles,
-    numbers: Doubles,
-    keys: Words,
-    below: Floats,
-    out: Floats,
-    fractions: Floats,
-    words: Words,
-) -> None:
-    """Write below + amplitude * 2-D value noise in [-1, 1], mean 0. Arguments: see the package."""
-    amplitude, key_x, key_z = np.float32(numbers[0]), keys[0], keys[2]
-    for start in range(0, out.size, BLOCK):
-        stop = min(start + BLOCK, out.size)
-        split2(x[start:stop], z[start:stop], numbers, fractions, words)
-        belows, outs = below[start:stop], out[start:stop]
-        for i in range(stop - start):
-            x0, x1 = axis_hashes(words[i], words[i + BLOCK], HERE, AXIS_X, key_x)
-            z0, z1 = axis_hashes(words[i + 2 * BLOCK], words[i + 3 * BLOCK], HERE, AXIS_Z, key_z)
-            blend_x = quintic(np.float32(fractions[i] + HALF))
-            noise = mix(_edge(x0, x1, z0, blend_x), _edge(x0, x1, z1, blend_x), quintic(fractions[i + BLOCK] + HALF))
-            outs[i] = belows[i] + np.float32(amplitude * noise)
+def value_line2(n: int, fractions: Floats, words: Words, into: int) -> None:
+    """Write a line, as `lines` defines it, of value noise of the plane."""
+    line = fractions[into:]
+    for i in range(n):
+        line[i] = _edge(words[i + X_LOW], words[i + X_HIGH], words[i + LOW], fractions[i + X_BLEND])
+        line[i + ROW] = ZERO
 
 
 @kernel
-def add_value3(
-    x: Doubles,
-    y: Doubles,
-    z: Doubles,
-    numbers: Doubles,
-    keys: Words,
-    below: Floats,
-    out: Floats,
-    fractions: Floats,
-    words: Words,
-) -> None:
-    """Write below + amplitude * 3-D value noise in [-1, 1], mean 0. Arguments: see the package."""
-    amplitude, key_x, key_y, key_z = np.float32(numbers[0]), keys[0], keys[1], keys[2]
-    for start in range(0, out.size, BLOCK):
-        stop = min(start + BLOCK, out.size)
-        split3(x[start:stop], y[start:stop], z[start:stop], numbers, fractions, words)
-        belows, outs = below[start:stop], out[start:stop]
-        for i in range(stop - start):
-            x0, x1 = axis_hashes(words[i], words[i + BLOCK], HERE, AXIS_X, key_x)
-            y0, y1 = axis_hashes(words[i + 2 * BLOCK], words[i + 3 * BLOCK], HERE, AXIS_Y, key_y)
-            z0, z1 = axis_hashes(words[i + 4 * BLOCK], words[i + 5 * BLOCK], HERE, AXIS_Z, key_z)
-            blend_x, blend_y = quintic(fractions[i] + HALF), quintic(fractions[i + BLOCK] + HALF)
-            low = mix(_edge(x0, x1, np.uint32(y0 + z0), blend_x), _edge(x0, x1, np.uint32(y1 + z0), blend_x), blend_y)
-            high = mix(_edge(x0, x1, np.uint32(y0 + z1), blend_x), _edge(x0, x1, np.uint32(y1 + z1), blend_x), blend_y)
-            noise = mix(low, high, quintic(fractions[i + 2 * BLOCK] + HALF))
-            outs[i] = belows[i] + np.float32(amplitude * noise)
+def value_line3(n: int, fractions: Floats, words: Words, into: int) -> None:
+    """Write a line, as `lines` defines it, of value noise in space."""
+    line = fractions[into:]
+    for i in range(n):
+        x0, x1, blend = words[i + X_LOW], words[i + X_HIGH], fractions[i + X_BLEND]
+        low, high = _edge(x0, x1, words[i + LOW], blend), _edge(x0, x1, words[i + HIGH], blend)
+        line[i] = mix(low, high, fractions[i + LINE_Y + ROW])
+        line[i + ROW] = ZERO
 
 
 @inlined

@@ -60,6 +60,27 @@ def test_noise_of_a_point_does_not_depend_on_its_place_in_a_block(noise, n, rng)
 
 
 @pytest.mark.parametrize("noise", ALL)
+@pytest.mark.parametrize(("width", "rows"), [(35, 35), (16, 5), (17, 300), (256, 3), (40, 1), (35, 1)])
+@pytest.mark.parametrize("frequency", [0.05, 0.4, 3.7])
+def test_noise_of_points_in_rows_is_that_of_the_points(noise, width, rows, frequency, rng):
+    """Rows with the x of all others, in no order of z, and with a new y now and then."""
+    x = np.tile(rng.uniform(-9, 9) + np.arange(width), rows)
+    step = rng.choice([0, 1, 1, 1, 2, -7], rows).cumsum()
+    y, z = (np.repeat(places, width) for places in (3.7 * (np.arange(rows) // 6), step - 4.2))
+    points = np.stack([x, y, z], 1)
+    in_rows = evaluate(noise, points, frequency=frequency, width=width)
+    assert np.array_equal(in_rows, evaluate(noise, points, frequency=frequency))
+
+
+@pytest.mark.parametrize("noise", ["gradient3", "value2", "simplex3"])
+@pytest.mark.parametrize("far", [0.0, 2.0**32, -(2.0**34)])
+def test_noise_of_points_in_rows_is_that_of_the_points_where_the_low_word_of_a_coordinate_wraps(noise, far):
+    x, z = (axis.ravel() for axis in np.meshgrid(far + np.arange(-17, 18) / 4, np.arange(-17, 18) / 8 - far))
+    points = np.stack([x, np.full(x.size, far), z], 1)
+    assert np.array_equal(evaluate(noise, points, width=35), evaluate(noise, points))
+
+
+@pytest.mark.parametrize("noise", ALL)
 def test_noise_is_added_with_its_amplitude_and_frequency(noise, rng):
     points = rng.uniform(-9, 9, (300, 3))
     below = rng.normal(size=300).astype(np.float32)

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from chunkserver.field.noise import NOISES, gradient, simplex
+from chunkserver.field.noise import NOISES, gradient
+from chunkserver.field.noise.simplex2 import SIMPLEX2_SCALE
+from chunkserver.field.noise.simplex3 import SIMPLEX3_SCALE
 from tests.noises import ALL, CONTINUOUS, climb, draws, evaluate
 from tests.scale import count
 
@@ -29,13 +31,13 @@ EDGES = np.array([np.roll([0, a, b], k) for a, b in SIGNS for k in range(3)], fl
 
 CUBE = {d: np.array(list(itertools.product((0.0, 1.0), repeat=d))) for d in (2, 3)}
 TRIANGLE = np.array([[0, 0], [15, -4], [11, 11]]) / 19
-TETRAHEDRON = np.array([[0, 0, 0], [5, -1, -1], [4, 4, -2], [3, 3, 3]]) / 6
+TETRAHEDRON = np.array([[0, 0, 0], [2, 0, 0], [1, 1, 1], [1, 1, -1]]) / 2
 
 SCALE = {
     "gradient2": gradient.GRADIENT2_SCALE,
     "gradient3": gradient.GRADIENT3_SCALE,
-    "simplex2": simplex.SIMPLEX2_SCALE,
-    "simplex3": simplex.SIMPLEX3_SCALE,
+    "simplex2": SIMPLEX2_SCALE,
+    "simplex3": SIMPLEX3_SCALE,
 }
 GRADIENTS = {"gradient2": COMPASS, "gradient3": ICOSAHEDRON, "simplex2": COMPASS, "simplex3": EDGES}
 CORNERS = {
