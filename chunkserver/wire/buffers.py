@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.errors import WireError
+from chunkserver.kernel import kernel
 from chunkserver.mesh import Mesh, NormalKind, index_type
 
 VERTICES_MAX: Final = 1 << 24
@@ -62,5 +63,24 @@ def component_type(array: NDArray[Any]) -> int:
 
 def bounds(mesh: Mesh) -> tuple[list[int], list[int]]:
     """Return the lowest and the highest x, y, z of the positions, lattice units. The mesh is not empty."""
-    columns = np.ascontiguousarray(mesh.positions[:, :3].T)  # long rows: twenty times faster than axis 0 of short ones
-    return columns.min(axis=1).tolist(), columns.max(axis=1).tolist()
+    found = np.empty((2, 3), np.uint16)
+    measure(mesh.positions, found)
+    low, high = found.tolist()
+    return low, high
+
+
+@kernel
+def measure(positions: NDArray[np.uint16], found: NDArray[np.uint16]) -> None:
+    """Write the lowest and the highest x, y, z. positions: (V, 4), V > 0. found: (2, 3) out.
+
+    In one pass over whole vertices: NumPy wants one for each end, and a copy by axes, for it is slow along short rows.
+    """
+    x = low_x = high_x = positions[0, 0]
+    y = low_y = high_y = positions[0, 1]
+    z = low_z = high_z = positions[0, 2]
+    for vertex in range(np.uint64(positions.shape[0])):
+        x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
+        low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
+        high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
+    found[0, 0], found[0, 1], found[0, 2] = low_x, low_y, low_z
+    found[1, 0], found[1, 1], found[1, 2] = high_x, high_y, high_z
