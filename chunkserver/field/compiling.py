@@ -18,7 +18,7 @@ _STARTS: Final = np.zeros(2, np.int32)
 _NUMBERS: Final = np.zeros(ops.NUMBERS_LONGEST)
 _KEYS: Final = np.empty((0, 3), np.uint32)
 _NO_REGISTERS: Final = np.empty(0, np.int32)
-_NONE_LISTED: Final = np.empty(0, np.uint32)
+_NONE_LISTED: Final = np.empty(0, np.int32)
 """A tape without an instruction."""
 
 

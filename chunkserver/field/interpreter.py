@@ -6,10 +6,11 @@ cache. What does not depend on y is worked out once for a slab, the rest for the
     for each piece of work
         if its slab is another one      the leading instructions, for all columns of the slab: x, z
         for each of its planes: y
-            the instructions of its program, for all columns of the slab or for those that it lists
+            the instructions of its program, for all rows of the slab or for those that it lists
 
-A piece of work that lists its columns takes what they share from the slab's registers into registers of its own, so the
-loops below run over nothing but the points that are wanted (`field.skipping`).
+A piece of work that lists its rows takes what they share from the slab's registers into registers of its own, so the
+loops below run over nothing but the rows that are wanted (`field.skipping`). Rows stay whole: noise works out once per
+row, and once for all rows, what the points of a row have in common.
 """
 
 from typing import Final
@@ -48,10 +49,10 @@ COUNT: Final = 1
 PROGRAM: Final = 2
 FIRST_PLANE: Final = 3
 LAST_PLANE: Final = 4
-FIRST_COLUMN: Final = 5
+FIRST_LISTED: Final = 5
 WANTED: Final = 6
 """Columns of a piece of work: its slab, which points of a plane; its program; its planes, the last one excluded; its
-columns, as a part of a list: how many, or ALL."""
+rows, as a part of a list: how many, or ALL of the slab."""
 WORK_COLUMNS: Final = 7
 ALL: Final = -1
 NONE_READY: Final = -1
@@ -71,7 +72,7 @@ def run(
     rows: int,
     ready: int,
     work: _Code,
-    listed: _Words,
+    listed: _Code,
     places: _Doubles,
     values: _Floats,
     fractions: _Floats,
@@ -86,9 +87,9 @@ def run(
     low: (3,) coordinates x, y, z of the first point, voxels. step: voxels between points. rows: points along z; 0 if
         the points are those whose coordinates are in the first three places already: there is one plane of them then.
     ready: the start of the slab whose columns are in the registers already, or NONE_READY.
-    work: (n, WORK_COLUMNS) int32, pieces of one slab one after the other. listed: places of columns in their plane.
+    work: (n, WORK_COLUMNS) int32, pieces of one slab one after the other. listed: numbers of rows in their plane.
     places: (2, coordinate registers, slab) and values: (2, value registers, slab) scratch, of slabs and of pieces that
-        list their columns. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
+        list their rows. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
     density: (planes, rows * points along x) out, a horizontal plane each, y upwards, z slow and x fast.
     """
     limit = max(DENSITY_MAX, CELLS_MAX * np.float32(step))
@@ -96,55 +97,59 @@ def run(
     last_start = ready
     for piece in range(work.shape[0]):
         start, n = work[piece, START], work[piece, COUNT]
-        first, wanted = work[piece, FIRST_COLUMN], work[piece, WANTED]
+        first, wanted = work[piece, FIRST_LISTED], work[piece, WANTED]
         own = 0 if wanted == ALL else 1
+        its_rows = listed[first : first + wanted] if own else listed[:0]
         if start != last_start and rows:
             _columns(start, width, low, step, n, places[0, 0], places[0, 2])
         for plane in range(work[piece, FIRST_PLANE] - (start != last_start), work[piece, LAST_PLANE]):
             of_slab = start != last_start
             at_places, at_values = places[0 if of_slab else own], values[0 if of_slab else own]
             at, end, count = 0, starts[0], n
-            row_points = width if rows and (of_slab or not own) else 0
             if not of_slab:
                 at, end = starts[work[piece, PROGRAM]], starts[work[piece, PROGRAM] + 1]
                 if own and plane == work[piece, FIRST_PLANE]:
-                    _take(listed, first, wanted, start, shared_places, shared_values, places, values)
-                count = wanted if own else n
+                    _take(its_rows, start, width, shared_places, shared_values, places, values)
+                count = wanted * width if own else n
                 if rows:
                     _level(low[1] + step * plane, count, at_places[1])
             while at < end:
-                _execute(code[at], numbers, keys[at], count, at_places, at_values, fractions, words, row_points)
+                _execute(
+                    code[at], numbers, keys[at], count, at_places, at_values, fractions, words, width if rows else 0
+                )
                 at += 1
             last_start = start
             if of_slab:
                 continue
             if own:
-                _place(at_values[result], limit, listed, first, wanted, density[plane])
+                _place(at_values[result], limit, its_rows, width, density[plane])
             else:
                 _clamp(at_values[result, :n], limit, density[plane, start : start + n])
 
 
 @kernel
 def _take(
-    listed: _Words,
-    first: int,
-    wanted: int,
+    listed: _Code,
     start: int,
+    width: int,
     shared_places: _Code,
     shared_values: _Code,
     places: _Doubles,
     values: _Floats,
 ) -> None:
-    """Copy what listed columns share from the slab's registers to the second set."""
-    columns = listed[first : first + wanted]
+    """Copy what listed rows share from the slab's registers to the second set."""
     for number in range(shared_places.size):
         place, own_place = places[0, shared_places[number], :], places[1, shared_places[number], :]
-        for i in range(wanted):
-            own_place[i] = place[columns[i] - np.uint64(start)]
+        for i in range(listed.size):
+            at, to = np.uint64(listed[i] * width - start), np.uint64(i * width)
+            for x in range(np.uint64(width)):
+                own_place[to + x] = place[at + x]
     for number in range(shared_values.size):
         value, own_value = values[0, shared_values[number], :], values[1, shared_values[number], :]
-        for i in range(wanted):
-            own_value[i] = value[columns[i] - np.uint64(start)]
+        for i in range(listed.size):
+            at, to = np.uint64(listed[i] * width - start), np.uint64(i * width)
+            for x in range(np.uint64(width)):
+                own_value[to + x] = value[at + x]
 
 
 @kernel
@@ -154,12 +159,13 @@ def _level(y: float, count: int, out: _Doubles) -> None:
 
 
 @kernel
-def _place(values: _Floats, limit: np.float32, listed: _Words, first: int, wanted: int, plane: _Floats) -> None:
-    """Write the densities of listed columns to where they belong in their plane."""
-    columns = listed[first : first + wanted]
-    for i in range(wanted):
-        value = values[i] if values[i] > -limit else -limit
-        plane[np.uint64(columns[i])] = value if values[i] < limit else limit
+def _place(values: _Floats, limit: np.float32, listed: _Code, width: int, plane: _Floats) -> None:
+    """Write the densities of listed rows to where they belong in their plane."""
+    for i in range(listed.size):
+        at, to = np.uint64(i * width), np.uint64(listed[i] * width)
+        for x in range(np.uint64(width)):
+            value = values[at + x] if values[at + x] > -limit else -limit
+            plane[to + x] = value if values[at + x] < limit else limit
 
 
 @kernel

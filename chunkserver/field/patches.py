@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from chunkserver.field.interpreter import (
     ALL,
     COUNT,
-    FIRST_COLUMN,
+    FIRST_LISTED,
     FIRST_PLANE,
     LAST_PLANE,
     PROGRAM,
@@ -20,7 +20,7 @@ from chunkserver.field.interpreter import (
     WANTED,
 )
 from chunkserver.field.intervals import ALL_FINITE, ANYWHERE
-from chunkserver.field.programs import PROGRAMS_MAX, find_program, prune, write_programs
+from chunkserver.field.programs import AS_IT_IS, WHOLE, find_program, prune, write_programs
 from chunkserver.kernel import LANES, inlined, kernel, lanes_below
 
 REGION: Final = 12
@@ -41,7 +41,6 @@ _LANES: Final = np.uint64(LANES)
 _ISOVALUE: Final = np.float32(0)
 _ONE: Final = np.uint64(1)
 _PATCH: Final = np.uint64(PATCH)
-_ROW_OF_PATCH: Final = np.uint64((1 << PATCH) - 1)
 """An unsigned index is not checked for being negative: loops over patches take a third of the time."""
 
 AIR, ROCK, OPEN, CLOSE = (np.uint8(kind) for kind in range(4))
@@ -75,25 +74,34 @@ def judge(
     out_keys: NDArray[np.uint32],
     starts: _Code,
 ) -> int:
-    """Write kind and program of each region, and the code of all programs; return how many there are.
+    """Write the kind of each region (y, z, x), the program of each row of them (y, z), and the code of all programs.
+
+    A row has the program of its regions if it is the same, or else the whole tape. Returns how many programs there are.
 
     code, reads: of the tape that keeps all registers; own_code, own_keys: of the one that is run. states: scratch.
     """
-    count = 0
-    for region in range(kinds.size):
-        lowest, highest = low[result, region], high[result, region]
-        finite = failed[region] == ALL_FINITE
-        if not finite:
-            kinds[region] = CLOSE
-        elif lowest >= 0:
-            kinds[region] = AIR
-        elif highest < 0:
-            kinds[region] = ROCK
-        else:
-            kinds[region] = OPEN if spread[result, region] < max(-lowest, highest) else CLOSE
-        prune(code, numbers, reads, columns, low, high, region, finite and count < PROGRAMS_MAX - 1, states)
-        chosen[region] = find_program(states, known, count)
-        count = max(count, chosen[region] + 1)
+    for at in range(code.shape[0]):
+        known[WHOLE, at] = AS_IT_IS
+    count, regions = 1, kinds.shape[2]
+    for row in range(chosen.size):
+        for x in range(regions):
+            region = row * regions + x
+            lowest, highest = low[result, region], high[result, region]
+            kind, program = CLOSE, WHOLE
+            if failed[region] == ALL_FINITE:
+                if lowest >= 0:
+                    kind = AIR
+                elif highest < 0:
+                    kind = ROCK
+                elif spread[result, region] < max(-lowest, highest):
+                    kind = OPEN
+                prune(code, numbers, reads, columns, low, high, region, states)
+                program = find_program(states, known, count)
+                count = max(count, program + 1)
+            y, z = row // regions, row % regions
+            kinds[y, z, x] = kind
+            if x == 0 or program != chosen[y, z]:
+                chosen[y, z] = program if x == 0 else WHOLE
     write_programs(own_code, own_keys, columns, known, count, out, out_keys, starts)
     return count
 
@@ -108,43 +116,33 @@ def list_work(
     side: int,
     slab_blocks: int,
     work: _Code,
-    listed: NDArray[np.uint32],
+    listed: _Code,
 ) -> int:
-    """Write the pieces of work that make all wanted blocks; return how many there are.
+    """Write the pieces of work that make all wanted rows; return how many there are.
 
-    wanted: (y, z, x) of blocks, `size` points a side. chosen: (y, z, x) programs of regions, `of_region`
-    blocks a side. side: points a side.
-    slab_blocks: how many rows of blocks a slab has. work, listed: out, as `interpreter.run` wants them.
+    wanted: (y, z) of rows of blocks, `size` points a side. chosen: (y, z) programs of rows of regions, `of_region`
+    blocks a side. side: points a side. slab_blocks: how many rows of blocks a slab has. work, listed: out, as
+    `interpreter.run` wants them.
     """
-    blocks, regions = wanted.shape[0], chosen.shape[0]
-    pieces, at = 0, np.uint64(0)
+    blocks, pieces, at = wanted.shape[0], 0, 0
     for first_row in range(0, blocks, slab_blocks):
         last_row = min(first_row + slab_blocks, blocks)
-        start, stop = first_row * size * side, min(last_row * size, side) * side
+        start, rows = first_row * size * side, min(last_row * size, side) - first_row * size
         for layer in range(blocks):
-            region_y = layer // of_region
             for program in range(programs):
                 first = at
-                for region_z in range(first_row // of_region, (last_row - 1) // of_region + 1):
-                    for region_x in range(regions):
-                        if chosen[region_y, region_z, region_x] != program:
-                            continue
-                        near, far = max(region_z * of_region, first_row), min((region_z + 1) * of_region, last_row)
-                        for z in range(near, far):
-                            for x in range(region_x * of_region, min((region_x + 1) * of_region, blocks)):
-                                if wanted[layer, z, x] == 0:
-                                    continue
-                                for row in range(z * size, min(z * size + size, side)):
-                                    for place in range(x * size, min(x * size + size, side)):
-                                        listed[at] = row * side + place
-                                        at += _ONE
+                for z in range(first_row, last_row):
+                    if wanted[layer, z] != 0 and chosen[layer // of_region, z // of_region] == program:
+                        for row in range(z * size, min(z * size + size, side)):
+                            listed[at] = row
+                            at += 1
                 if at == first:
                     continue
-                work[pieces, START], work[pieces, COUNT] = start, stop - start
+                work[pieces, START], work[pieces, COUNT] = start, rows * side
                 work[pieces, PROGRAM] = program
                 work[pieces, FIRST_PLANE], work[pieces, LAST_PLANE] = layer * size, min(layer * size + size, side)
-                work[pieces, FIRST_COLUMN], work[pieces, WANTED] = first, at - first
-                if at - first == stop - start:
+                work[pieces, FIRST_LISTED], work[pieces, WANTED] = first, at - first
+                if at - first == rows:
                     work[pieces, WANTED] = ALL
                 pieces += 1
     return pieces
@@ -162,7 +160,7 @@ def settle(
     wanted: _Bytes,
     density: _Floats,
 ) -> None:
-    """Write which patches have to be worked out, and the densities of the others: their sign.
+    """Write which rows of patches, (y, z), have to be worked out, and the densities of the others: their sign.
 
     middles: the densities at the middles of patches of OPEN regions, (y, z * x). rows: (3, side, rounded up to whole
     patches) scratch. density: flat.
@@ -174,18 +172,16 @@ def settle(
         for z in range(np.uint64(patches)):
             if z % np.uint64(PATCHES) == 0:
                 _around(kinds, spread, int(y) // PATCHES, int(z) // PATCHES, patches, by, known)
+            open_ones = 0
             for x in range(np.uint64(patches)):
                 value = known[x] if known[x] != 0 else middles[y, z * np.uint64(patches) + x]
-                wanted[y, z, x] = not abs(value) > by[x]
+                open_ones += not abs(value) > by[x]
                 number = fill if value > 0 else -fill
                 for place in range(_PATCH):
                     row[_PATCH * x + place] = number
-            if faces:
-                on_y = (faces & 4 and y < before) or (faces & 8 and y >= behind)
-                on_z = (faces & 16 and z < before) or (faces & 32 and z >= behind)
-                for x in range(patches):
-                    if on_y or on_z or (faces & 1 and x < before) or (faces & 2 and x >= behind):
-                        wanted[y, z, x] = 1
+            on_y = (faces & 4 and y < before) or (faces & 8 and y >= behind)
+            on_z = (faces & 16 and z < before) or (faces & 32 and z >= behind)
+            wanted[y, z] = open_ones > 0 or on_y or on_z or faces & 3 > 0
             for plane in range(_PATCH * y, min(_PATCH * y + _PATCH, end)):
                 for to in range(_PATCH * z, min(_PATCH * z + _PATCH, end)):
                     start = (plane * end + to) * end
@@ -204,7 +200,7 @@ def _around(kinds: _Bytes, spread: _Doubles, y: int, z: int, patches: int, by: _
 
 @kernel
 def miss(density: _Floats, apron: int, wanted: _Bytes, rock: _Words, ends: _Words) -> int:
-    """Replace the patches that were worked out by those that are read but were not; return how many those are.
+    """Replace the rows of patches that were worked out by those that are read but were not; return how many those are.
 
     Read are the samples at the ends of crossed edges, and their neighbours along the axes. density: flat. rock, ends:
     (y, z, word) scratch.
@@ -256,29 +252,21 @@ def _places(first: int, last: int) -> np.uint64:
 
 @inlined
 def _unread(ends: _Words, wanted: _Bytes) -> int:
-    """Replace the wanted patches by those that hold a neighbour of an end and are not wanted; return how many."""
+    """Replace the wanted rows by those that hold a neighbour of an end and are not wanted; return how many."""
     side, words, patches = np.uint64(ends.shape[0]), np.uint64(ends.shape[2]), np.uint64(wanted.shape[0])
     missed, none = 0, np.uint64(0)
     for y in range(patches):
         for z in range(patches):
+            read = none
             for word in range(words):
-                read = none
                 for plane in range(_PATCH * y, min(_PATCH * y + _PATCH, side)):
                     for row in range(_PATCH * z, min(_PATCH * z + _PATCH, side)):
-                        here = ends[plane, row, word]
-                        read |= here | here << _ONE | here >> _ONE
+                        read |= ends[plane, row, word]
                         read |= ends[plane - _ONE, row, word] if plane > none else none
                         read |= ends[plane + _ONE, row, word] if plane + _ONE < side else none
                         read |= ends[plane, row - _ONE, word] if row > none else none
                         read |= ends[plane, row + _ONE, word] if row + _ONE < side else none
-                        if word > none:
-                            read |= ends[plane, row, word - _ONE] >> np.uint64(63)
-                        if word + _ONE < words:
-                            read |= ends[plane, row, word + _ONE] << np.uint64(63)
-                low = word * np.uint64(64 // PATCH)
-                for x in range(low, min(low + np.uint64(64 // PATCH), patches)):
-                    missing = np.uint8(read & _ROW_OF_PATCH != 0) & ~wanted[y, z, x] & np.uint8(1)
-                    wanted[y, z, x] = missing
-                    missed += missing
-                    read >>= _PATCH
+            missing = np.uint8(read != none) & ~wanted[y, z] & np.uint8(1)
+            wanted[y, z] = missing
+            missed += missing
     return missed

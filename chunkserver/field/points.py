@@ -13,7 +13,7 @@ Shape = tuple[int, int, int]
 """How many points: planes (y), rows (z), points of a row (x)."""
 
 _NOWHERE = np.zeros(3)
-_NONE_LISTED = np.empty(0, np.uint32)
+_NONE_LISTED = np.empty(0, np.int32)
 
 
 def run_at(tape: Tape, places: NDArray[np.float64], values: NDArray[np.float32]) -> None:

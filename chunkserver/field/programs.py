@@ -15,6 +15,8 @@ from chunkserver.kernel import inlined
 
 PROGRAMS_MAX: Final = 24
 """Of one box; regions that would need more get the whole tape."""
+WHOLE: Final = 0
+"""The program that is the whole tape."""
 
 LEFT_OUT, AS_IT_IS, TAKE_A, TAKE_B, TAKE_C = (np.uint8(state) for state in range(5))
 """What becomes of an instruction."""
@@ -33,14 +35,12 @@ def prune(
     low: _Floats,
     high: _Floats,
     region: int,
-    branches: bool,
     states: _States,
 ) -> None:
     """Write what becomes of each instruction in one region.
 
     code, reads: of the tape that keeps all registers. columns: instructions before this one are left as they are.
-    low, high: (value registers, regions), as in `intervals.Bounds`. branches: whether any may be left out at all.
-    states: (instructions,) out.
+    low, high: (value registers, regions), as in `intervals.Bounds`. states: (instructions,) out.
     """
     last = code.shape[0] - 1
     for at in range(last):
@@ -49,7 +49,7 @@ def prune(
     for at in range(last, -1, -1):
         if states[at] == LEFT_OUT:
             continue
-        if branches and at >= columns and code[at, ops.CODE] >= ops.MIN:
+        if at >= columns and code[at, ops.CODE] >= ops.MIN:
             a, b, number = code[at, ops.A], code[at, ops.B], code[at, ops.NUMBERS]
             first, second = numbers[number], numbers[number + 1]
             states[at] = _taken(
@@ -89,7 +89,7 @@ def _taken(op: int, a0: np.float32, a1: np.float32, b0: np.float32, b1: np.float
 def find_program(states: _States, known: _States, count: int) -> int:
     """Return the number of the program with these states: `count` if it is a new one, which is added.
 
-    known: (PROGRAMS_MAX, instructions), the states of the first `count` programs.
+    known: (PROGRAMS_MAX, instructions), the states of the first `count` programs. WHOLE if it has no room for more.
     """
     n = states.size
     for number in range(count):
@@ -98,6 +98,8 @@ def find_program(states: _States, known: _States, count: int) -> int:
             at += 1
         if at == n:
             return number
+    if count == PROGRAMS_MAX:
+        return WHOLE
     for at in range(n):
         known[count, at] = states[at]
     return count

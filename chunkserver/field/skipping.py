@@ -1,12 +1,13 @@
 """Samples near the surface: those whose value can matter are worked out, of the others the sign alone is known.
 
     region   12 x 12 x 12 samples bounds of the field: all air, all rock, or which branches of it are left (`programs`)
-    patch    2 x 2 x 2 samples    the field at its middle, and how much it can change up to the corners: air, rock, open
-    sample                        of open patches, and of those whose samples a vertex's position or normal reads
+    patch    2 x 2 x 2 samples    the field at its middle, and how much it can change up to them: air, rock, open
+    row      of samples along x   of open patches, and of samples that a vertex's place or normal reads: worked out
 
-A mesh reads the signs of all samples, but values only on crossed edges and one step around. So a patch that is known to
-be air or rock is filled with one number of that sign, and the mesh has the same bytes
-(`tests/property/test_skipping.py`). Which patches are read is found from the signs, once all of them are known.
+A mesh reads the signs of all samples, but values only on crossed edges and one step around. So patches that are known
+to be air or rock are filled with one number of that sign, and the mesh has the same bytes: see
+`tests/property/test_skipping.py`. Which samples are read is found from the signs, once all of them are known. Rows are
+worked out whole: noise of a row costs less than half of that of as many points anywhere.
 """
 
 from typing import Final, NamedTuple
@@ -25,17 +26,21 @@ from chunkserver.field.patches import (
     PATCHES,
     REACH,
     REGION,
+    ROCK,
     WORD_BITS,
     judge,
     list_work,
     miss,
     settle,
 )
+from chunkserver.field.points import run_box
 from chunkserver.field.programs import PROGRAMS_MAX
 
-WORTH: Final = 40.0
-"""Nanoseconds a sample must cost for this to pay. Finding out what matters takes about 4 ns a sample of the chunk, and
-noise of samples that are not in rows takes three times as long or more."""
+WORTH: Final = 25.0
+"""Nanoseconds a sample must cost for this to pay: finding out what matters takes 3 ns a sample of the chunk or more."""
+SETTLED_MIN: Final = 0.25
+"""The share of regions that must be all air or all rock, or else the whole chunk is sampled: patches alone leave out
+too few rows."""
 FILL: Final = np.float32(1)
 """The density, but for its sign, of samples that are not worked out."""
 
@@ -53,12 +58,14 @@ def run_near_surface(flat: Flat, low: _Doubles, step: float, side: int, apron: i
     """
     patches = -(-side // PATCH)
     regions = _judged(flat, low, step, -(-side // REGION))
-    near = (regions.kinds == OPEN).view(np.uint8)
+    if (regions.kinds <= ROCK).mean() < SETTLED_MIN:
+        return run_box(flat.tape, low, step, (side, side, side))
+    near = (regions.kinds == OPEN).any(axis=2).view(np.uint8)
     middles = np.empty((patches, patches * patches), np.float32)
     if near.any():
         _Box(flat, regions, low + REACH * step, PATCH * step, middles).work_out(near, PATCHES, 1)
     density = np.empty((side, side * side), np.float32)
-    wanted = np.empty((patches, patches, patches), np.uint8)
+    wanted = np.empty((patches, patches), np.uint8)
     rows = np.empty((3, PATCH * patches), np.float32)
     settle(regions.kinds, regions.spread, middles, faces, side, FILL, rows, wanted, density.reshape(-1))
     box = _Box(flat, regions, low, step, density)
@@ -73,21 +80,23 @@ def compile_skipping() -> None:
     """Compile, or load from disk, the kernels of this file: nothing is looked at, of a box without a point."""
     code, keys, starts = np.empty((1, ops.COLUMNS), np.int32), np.empty((1, 3), np.uint32), np.empty(2, np.int32)
     numbers, reads, low = np.zeros(ops.NUMBERS_LONGEST), np.full((1, 6), -1, np.int32), np.empty((1, 0), np.float32)
-    none, kinds, programs = np.empty(0, np.int32), np.empty(0, np.uint8), np.empty((PROGRAMS_MAX, 1), np.uint8)
-    spread, states = np.empty((1, 0)), (kinds, none, programs, programs[0], code, keys, starts)
+    none, kinds = np.empty(0, np.int32), np.empty((0, 0, 0), np.uint8)
+    programs, chosen = np.empty((PROGRAMS_MAX, 1), np.uint8), np.empty((0, 0), np.int32)
+    spread, states = np.empty((1, 0)), (kinds, chosen, programs, programs[0], code, keys, starts)
     judge(code, numbers, reads, 0, 0, none, low, low, spread, code, keys, *states)
-    wanted, chosen = np.empty((0, 0, 0), np.uint8), np.empty((0, 0, 0), np.int32)
-    list_work(wanted, 1, chosen, 1, 0, 0, 1, np.empty((0, WORK_COLUMNS), np.int32), np.empty(0, np.uint32))
+    wanted = np.empty((0, 0), np.uint8)
+    list_work(wanted, 1, chosen, 1, 0, 0, 1, np.empty((0, WORK_COLUMNS), np.int32), none)
     density = np.empty((0, 0), np.float32)
     flat, words = np.empty(0, np.float32), np.empty((0, 0, 1), np.uint64)
-    settle(wanted, np.empty((0, 0, 0)), density, 0, 0, FILL, np.empty((3, 0), np.float32), wanted, flat)
+    settle(kinds, np.empty((0, 0, 0)), density, 0, 0, FILL, np.empty((3, 0), np.float32), wanted, flat)
     miss(flat, 0, wanted, words, words)
 
 
 class _Regions(NamedTuple):
-    """What is known of each region: (y, z, x) uint8 kinds, float64 spread of the density, int32 program; the programs.
+    """What is known of each region, (y, z, x): uint8 kinds, float64 spread of the density.
 
-    code, keys, starts: as `interpreter.run` wants them.
+    chosen: int32 programs of rows of regions, (y, z). programs: how many there are. code, keys, starts: of all of
+    them, as `interpreter.run` wants them.
     """
 
     kinds: _Bytes
@@ -106,7 +115,8 @@ def _judged(flat: Flat, low: _Doubles, step: float, regions: int) -> _Regions:
     corners[0], corners[1], corners[2] = low[0] + along, low[1] + along[:, None, None], low[2] + along[:, None]
     lows = corners.reshape(3, n)
     found = bounds(tape, lows, lows + (REGION - 1) * step, REACH * step)
-    kinds, chosen = np.empty(n, np.uint8), np.empty(n, np.int32)
+    shape = regions, regions, regions
+    kinds, chosen = np.empty(shape, np.uint8), np.empty(shape[1:], np.int32)
     room = PROGRAMS_MAX * instructions
     code, keys = np.empty((room, ops.COLUMNS), np.int32), np.empty((room, 3), np.uint32)
     starts = np.empty(PROGRAMS_MAX + 1, np.int32)
@@ -114,9 +124,8 @@ def _judged(flat: Flat, low: _Doubles, step: float, regions: int) -> _Regions:
     own = flat.tape.code, flat.tape.keys
     of_tape = tape.code, tape.numbers, tape.reads, tape.columns, tape.result
     count = judge(*of_tape, *found, *own, kinds, chosen, known, known[-1], code, keys, starts)
-    shape = regions, regions, regions
     spread = found.spread[tape.result].reshape(shape)
-    return _Regions(kinds.reshape(shape), spread, chosen.reshape(shape), count, code, keys, starts)
+    return _Regions(kinds, spread, chosen, count, code, keys, starts)
 
 
 class _Box:
@@ -132,12 +141,12 @@ class _Box:
         self._ready = NONE_READY
 
     def work_out(self, wanted: _Bytes, size: int, of_region: int) -> None:
-        """Write the densities of wanted blocks, (y, z, x), `size` points a side, `of_region` blocks a region's side."""
+        """Write the densities of wanted rows of blocks, (y, z); `size`: points a side, `of_region`: blocks a region."""
         tape, regions, side = self._tape, self._regions, len(self._density)
         slab_blocks = self._points // side // size
         slabs = -(-len(wanted) // slab_blocks)
         work = np.empty((slabs * len(wanted) * regions.programs, WORK_COLUMNS), np.int32)
-        listed = np.empty(len(wanted) * side * side, np.uint32)
+        listed = np.empty(len(wanted) * side, np.int32)
         pieces = list_work(wanted, size, regions.chosen, of_region, regions.programs, side, slab_blocks, work, listed)
         program = regions.code, regions.starts, tape.numbers, regions.keys
         shared = tape.shared_places, tape.shared_values
