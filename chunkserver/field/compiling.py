@@ -9,7 +9,7 @@ from chunkserver.field.interpreter import NONE_READY, WORK_COLUMNS, run
 from chunkserver.field.intervals import bound
 from chunkserver.field.noise.cellular import add_cellular2, add_cellular3
 from chunkserver.field.noise.lattice import scratch
-from chunkserver.field.noise.simplex2 import add_simplex2
+from chunkserver.field.noise.simplex3 import add_simplex3
 from chunkserver.field.skipping import compile_skipping
 from chunkserver.field.tape import INPUTS
 
@@ -34,7 +34,7 @@ def compile_beside() -> None:
     """Compile meanwhile the noises that the interpreter comes to last, and the bounds, which it does not need."""
     at, keys = np.zeros(1), np.zeros(3, np.uint32)
     below, out = np.zeros((2, 1), np.float32)
-    for add_noise in (add_cellular2, add_cellular3, add_simplex2):
+    for add_noise in (add_simplex3, add_cellular2, add_cellular3):
         add_noise(at, at, at, _NUMBERS, keys, below, out, *scratch(), 0)
     low, high = np.zeros((2, 1, 1), np.float32)
     places, spread, failed = np.zeros((4, INPUTS, 1)), np.zeros((1, 1)), np.zeros(1, np.int32)

@@ -15,7 +15,7 @@ _NONE: Final = np.uint64(1 << 32)
 """No hash: of a line that is not made yet."""
 
 
-@spliced
+@kernel
 def add_blended(
     op: int,
     x: Doubles,

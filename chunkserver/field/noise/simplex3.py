@@ -48,7 +48,7 @@ from chunkserver.field.noise.lattice import (
     whole_vectors,
 )
 from chunkserver.field.noise.simplex2 import REACH, times_kernel
-from chunkserver.kernel import choose, inlined, kernel, spliced
+from chunkserver.kernel import choose, inlined, kernel
 
 SIMPLEX3_SCALE: Final = np.float32(76.8)
 """Brings 3-D simplex noise into [-1, 1]: its supremum is 1/76.88, found by a search over points and gradients."""
@@ -70,7 +70,7 @@ _Y_WORDS: Final = 4 * ROW
 _Z_WORDS: Final = 8 * ROW
 
 
-@spliced
+@kernel
 def add_simplex3(
     x: Doubles,
     y: Doubles,
