@@ -91,4 +91,4 @@ def test_a_side_that_ends_is_an_error_not_a_wait():
 
 def test_jobs_are_of_every_scene_and_stage():
     assert JOB in JOBS
-    assert len(JOBS) == len(set(JOBS)) == 25
+    assert len(JOBS) == len(set(JOBS)) == 30
