@@ -201,8 +201,8 @@ def _execute(
     elif op <= ops.SHAPE_LAST:
         distances(op, x, y, z, constants, values[row[ops.OUT], :n])
     else:
-        in_rows = row[ops.X] == 0 and row[ops.Y] <= 1 and row[ops.Z] == 2
-        _noise(op, x, y, z, constants, keys, b, values[row[ops.OUT], :n], fractions, words, width if in_rows else 0)
+        its_width = width if row[ops.IN_ROWS] else 0
+        _noise(op, x, y, z, constants, keys, b, values[row[ops.OUT], :n], fractions, words, its_width)
 
 
 @spliced

@@ -4,7 +4,8 @@
     value registers        float32   densities, heights, weights
 
 An instruction reads values a, b, c and coordinates x, y, z, and writes one register of either kind. Its constants start
-at its place in the tape's `numbers`.
+at its place in the tape's `numbers`. IN_ROWS is 1 if x depends on the point's x alone, and y and z do not depend on it:
+then the points of a row share y and z, and all rows share x.
 """
 
 from typing import Final
@@ -18,7 +19,8 @@ X: Final = 5
 Y: Final = 6
 Z: Final = 7
 NUMBERS: Final = 8
-COLUMNS: Final = 9
+IN_ROWS: Final = 9
+COLUMNS: Final = 10
 """Columns of a tape's code."""
 
 # Coordinates. out = ...                 numbers
@@ -66,6 +68,9 @@ SIMPLEX2: Final = 30
 SIMPLEX3: Final = 31
 CELLULAR2: Final = 32
 CELLULAR3: Final = 33
+
+FLAT: Final = frozenset((GRADIENT2, VALUE2, SIMPLEX2, CELLULAR2))
+"""Noises that do not read y."""
 
 NOISE_LOW: Final = 7
 NOISE_HIGH: Final = 8

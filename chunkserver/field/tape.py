@@ -141,6 +141,20 @@ def _on_y(reads: Reads) -> set[int]:
     return on_y
 
 
+def _in_rows(steps: Sequence[Step], order: Sequence[int]) -> list[bool]:
+    """Return of each instruction whether the x that it reads is that of its column, and y and z those of its row."""
+    depends: dict[int, set[int]] = {place: {place} for place in (NONE, *range(INPUTS))}
+    for place in order:
+        depends[place] = set().union(*(depends[operand] for operand in steps[place].operands))
+    along, across = {NONE, 0}, {NONE, 1, 2}
+    found = []
+    for place in order:
+        step = steps[place]
+        beside = depends[step.z] if step.op in ops.FLAT else depends[step.y] | depends[step.z]
+        found.append(depends[step.x] <= along and beside <= across)
+    return found
+
+
 def _last_uses(reads: Reads, order: Sequence[int], on_y: set[int], root: int) -> dict[int, int]:
     """Return where on the tape each step is read last. The root, and what planes read of columns, live to the end."""
     last_use = {place: at for at, place in enumerate(order)}
@@ -172,6 +186,7 @@ def _assemble(
     code[:, ops.CODE] = [step.op for step in chosen]
     code[:, ops.OUT] = registers[list(order)]
     code[:, ops.A : ops.NUMBERS] = registers[read]
+    code[:, ops.IN_ROWS] = _in_rows(steps, order)
     code[:, ops.NUMBERS] = list(accumulate((len(step.numbers) for step in chosen[:-1]), initial=0))
     columns = sum(place not in on_y for place in order)
     needed = {operand for step in chosen[columns:] for operand in step.operands} | {order[-1]}

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from chunkserver.field import ops
+from chunkserver.field import densities as densities_of
+from chunkserver.field import ops, sample
 from chunkserver.field.flatten import WRITERS
 from chunkserver.field.points import run_box
 from chunkserver.field.tape import INPUTS, Tape, allocate
 from chunkserver.field.writer import Frame, Writer
-from chunkserver.recipe import BUILTINS, builtin
+from chunkserver.grid import ChunkKey, ChunkShape
+from chunkserver.recipe import BUILTINS, WorldRecipe, builtin, canonical
 from tests.unit.field.chunks import recipe
 
 CAVES = {"op": "simplex3", "frequency": 0.05}
@@ -90,3 +92,31 @@ def test_what_planes_read_of_columns_is_listed():
     read = {register for row in tape.code[tape.columns :].tolist() for register in row[ops.A : ops.C]}
     assert set(tape.shared_values.tolist()) == {row[ops.OUT] for row in tape.code[: tape.columns].tolist()} & read
     assert tape.shared_places.tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("frame", "in_rows"),
+    [
+        ({"op": "translate", "offset": [1.5, 2, -3]}, True),
+        ({"op": "scale", "factor": [2, 3, 0.5]}, True),
+        ({"op": "repeat", "period": [9, 0, 30]}, True),
+        ({"op": "rotate", "quaternion": [1, 0, 0, 2]}, True),
+        ({"op": "rotate", "quaternion": [0, 1, 0, 2]}, False),
+        ({"op": "rotate", "quaternion": [0, 0, 1, 1]}, False),
+        ({"op": "warp", "x": {"op": "x"}}, True),
+        ({"op": "warp", "x": {"op": "y"}}, False),
+        ({"op": "warp", "z": {"op": "add", "a": {"op": "y"}, "b": {"op": "z"}}}, True),
+        ({"op": "warp", "z": {"op": "x"}}, False),
+    ],
+)
+@pytest.mark.parametrize("noise", ["gradient3", "simplex3", "value3"])
+def test_noise_is_of_rows_where_x_is_that_of_the_column_and_y_and_z_are_not(frame, in_rows, noise):
+    tree = {**frame, "a": {"op": noise, "frequency": 0.1}}
+    tape = check_registers(tree)
+    (row,) = tape.code[tape.code[:, ops.CODE] >= ops.GRADIENT2]
+    assert bool(row[ops.IN_ROWS]) is in_rows
+    key, shape = ChunkKey(0, 1, -2, 3), ChunkShape(16)
+    world = WorldRecipe(3, canonical(tree))
+    low = np.array(key.low_corner(16)) - 1
+    places = np.stack(np.meshgrid(*[np.arange(19.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:, [2, 0, 1]] + low
+    assert densities_of(world, 0, places).tobytes() == sample(world, key, shape).density.tobytes()
