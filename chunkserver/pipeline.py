@@ -1,6 +1,6 @@
 """From a request to the bytes of a chunk. The page to read first.
 
-    request -> field.sample -> mesher.extract -> wire.encode -> bytes
+    request -> field.sample_near_surface -> mesher.extract -> wire.encode -> bytes
 
 A chunk that bounds of the field prove to be all air or all rock is not sampled.
 

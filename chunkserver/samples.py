@@ -17,7 +17,8 @@ class Samples:
 
     density: (n, n, n) float32, C order, axes (y, z, x), voxels, finite, negative = rock, else air; n = `shape.samples`.
         The sample of cell unit (cx, cy, cz) is `density[cy + apron, cz + apron, cx + apron]`. y comes first so that a
-        horizontal plane is contiguous: what depends on (x, z) alone is worked out once and used for every plane.
+        horizontal plane is contiguous: what depends on (x, z) alone is worked out once and used for every plane. Where
+        no mesh reads more than the sign, more need not be right (`field.sample_near_surface`).
 
     coarser: mask of the faces whose neighbour is one level coarser, bits -x +x -y +y -z +z = 1 2 4 8 16 32.
     coarse: float32, C order, axes (y, z, x) too: the next level's densities around those faces, `coarse_box`; None

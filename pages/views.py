@@ -146,7 +146,7 @@ VIEWS: Final = (
     View(
         "terrain-cave",
         "terrain",
-        _camera((70, 8.5, -1), (60.5, 4.2, -13.5), WIDE),
+        _camera((144.3, 6.5, -248.4), (131, 0.5, -259), WIDE),
         Light(azimuth=75, elevation=38, haze=1400),
         GRASS,
         Extent(far=1500, floor=-24),

@@ -23,7 +23,7 @@ _NONE_LISTED: Final = np.empty(0, np.int32)
 
 
 def compile_interpreter() -> None:
-    """Compile, or load from disk, what samples chunks: two thirds of all compiling."""
+    """Compile, or load from disk, what samples chunks: half of all compiling."""
     tape = _CODE, _STARTS, _NUMBERS, _KEYS, _NO_REGISTERS, _NO_REGISTERS, 0
     work = np.empty((0, WORK_COLUMNS), np.int32)
     places, values, density = np.zeros((1, INPUTS, 1)), np.zeros((1, 1, 1), np.float32), np.empty((1, 1), np.float32)

@@ -3,7 +3,7 @@
 Bounds are kept in the types of the registers and worked out with the interpreter's own operations. One such operation,
 rounded to nearest, never decreases where its exact result increases, so bounds of it are exact bounds of what is
 computed: nothing has to be rounded outwards. Where a step is more than one operation, or is bounded by how steep it is,
-the bounds are widened by more than its rounding (SLACK, NOISE_SLACK, DISTANCE_SLACK).
+the bounds are widened by more than its rounding: see SLACK and those below it.
 
 What is bounded by how steep it is starts from its value at the middle of the box, where the interpreter has worked out
 every register. Noise lies within its range, and within its Lipschitz constant times the distance from there: tight
@@ -33,6 +33,8 @@ NOISE_SLACK: Final = 2.0**-16
 """Of noise in [-1, 1]: what its roundings in float32 may add up to (`tests/property/test_intervals.py`)."""
 DISTANCE_SLACK: Final = 2.0**-40
 """Of the coordinates and of the shape's own numbers: thousands of roundings of float64."""
+COORDINATE_SLACK: Final = 2.0**-50
+"""Of the magnitudes that a coordinate is made of: eight roundings of float64, more than what may be left of it."""
 LATTICE_SLACK: Final = 2.0**-50
 """Of a coordinate in lattice cells: eight roundings of float64, at two points and on three axes."""
 FINITE_MAX: Final = 1e38
@@ -69,7 +71,7 @@ def bounds(tape: Tape, low: _Doubles, high: _Doubles, reach: float = 0.0, any_se
     tape: one that keeps every step in a register of its own (`tape.allocate`).
     low, high: (3, n) float64, corners x, y, z of the boxes, voxels.
     reach: how far a patch reaches from its middle along each axis, voxels.
-    any_seed: bound noise by its range alone, so that the bounds hold for, and are the same for, every seed.
+    any_seed: bound noise by its range alone, so that the bounds hold for every seed.
     """
     n = low.shape[1]
     places, values = np.empty((4, tape.places, n)), np.empty((3, tape.values, n), np.float32)
@@ -182,13 +184,16 @@ def _move(
     """Bound one coordinate: low, high, spread; infinite where noise and `repeat` cannot take it in."""
     if op == ops.AFFINE:
         first, last = x0 * n0 + n1, x1 * n0 + n1
-        return min(first, last), max(first, last), dx * abs(n0)
+        size = max(-x0, x1) * abs(n0) + abs(n1)
+        return min(first, last), max(first, last), dx * abs(n0) + COORDINATE_SLACK * size
     if op == ops.TURN:
         first = min(x0 * n0, x1 * n0) + min(y0 * n1, y1 * n1) + min(z0 * n2, z1 * n2)
         last = max(x0 * n0, x1 * n0) + max(y0 * n1, y1 * n1) + max(z0 * n2, z1 * n2)
-        return first, last, dx * abs(n0) + dy * abs(n1) + dz * abs(n2)
+        size = max(-x0, x1) * abs(n0) + max(-y0, y1) * abs(n1) + max(-z0, z1) * abs(n2)
+        return first, last, dx * abs(n0) + dy * abs(n1) + dz * abs(n2) + COORDINATE_SLACK * size
     if op == ops.WARP:
-        return x0 + np.float64(a0), x1 + np.float64(a1), dx + da
+        size = max(-x0, x1) + _largest(a0, a1)
+        return x0 + np.float64(a0), x1 + np.float64(a1), dx + da + COORDINATE_SLACK * size
     period, inverse = n0, n1
     if not (max(-x0, x1) * inverse < COORDINATE_MAX):
         return -ANYWHERE, ANYWHERE, ANYWHERE

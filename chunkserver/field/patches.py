@@ -33,8 +33,6 @@ REACH: Final = 0.5 * (PATCH - 1)
 
 ROUNDED_UP: Final = 1 + 2.0**-20
 """More than a rounding to float32 takes away."""
-FACE_LAYERS: Final = 3
-"""Layers of samples on each face before a coarser neighbour whose values matter, whatever their signs are."""
 
 WORD_BITS: Final = 64
 _LANES: Final = np.uint64(LANES)
@@ -154,6 +152,7 @@ def settle(
     spread: _Doubles,
     middles: _Floats,
     faces: int,
+    layers: int,
     side: int,
     fill: np.float32,
     rows: _Floats,
@@ -162,11 +161,12 @@ def settle(
 ) -> None:
     """Write which rows of patches, (y, z), have to be worked out, and the densities of the others: their sign.
 
-    middles: the densities at the middles of patches of OPEN regions, (y, z * x). rows: (3, side, rounded up to whole
-    patches) scratch. density: flat.
+    middles: the densities at the middles of patches of OPEN regions, (y, z * x). layers: how many layers of samples
+    matter on each face of `faces`, whatever their signs are. rows: (3, side, rounded up to whole patches) scratch.
+    density: flat.
     """
     patches = wanted.shape[0]
-    before, behind = (FACE_LAYERS + PATCH - 1) // PATCH, (side - FACE_LAYERS) // PATCH
+    before, behind = (layers + PATCH - 1) // PATCH, (side - layers) // PATCH
     by, known, row, end = rows[0], rows[1], rows[2], np.uint64(side)
     for y in range(np.uint64(patches)):
         for z in range(np.uint64(patches)):

@@ -1,6 +1,7 @@
 """Running a tape from Python: over points, over a box of lattice points. Every point is worked out."""
 
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from chunkserver.field.tape import INPUTS, Tape
 Shape = tuple[int, int, int]
 """How many points: planes (y), rows (z), points of a row (x)."""
 
-_NOWHERE = np.zeros(3)
-_NONE_LISTED = np.empty(0, np.int32)
+_NOWHERE: Final = np.zeros(3)
+_NONE_LISTED: Final = np.empty(0, np.int32)
+SIZES_MAX: Final = 64
+"""Numbers of points whose work is kept."""
 
 
 def run_at(tape: Tape, places: NDArray[np.float64], values: NDArray[np.float32]) -> None:
@@ -26,7 +29,7 @@ def run_at(tape: Tape, places: NDArray[np.float64], values: NDArray[np.float32])
     _run(tape, _NOWHERE, 1.0, 0, _once(n), places, values, np.empty((1, n), np.float32))
 
 
-@lru_cache
+@lru_cache(maxsize=SIZES_MAX)
 def _once(n: int) -> NDArray[np.int32]:
     """Return the work of n points in one slab."""
     return np.array([[0, n, 0, 0, 1, 0, ALL]], np.int32)

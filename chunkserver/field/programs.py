@@ -116,19 +116,13 @@ def write_programs(
     out_keys: NDArray[np.uint32],
     starts: _Code,
 ) -> None:
-    """Write the code of all programs, one after the other, behind what any of them needs of columns.
+    """Write the code of all programs, one after the other, behind what does not depend on y.
 
     out, out_keys, starts: as `interpreter.run` wants them.
     """
-    to = 0
     for at in range(columns):
-        needed = False
-        for number in range(count):
-            needed |= known[number, at] != LEFT_OUT
-        if needed:
-            _copy(code, keys, at, AS_IT_IS, out, out_keys, to)
-            to += 1
-    starts[0] = to
+        _copy(code, keys, at, AS_IT_IS, out, out_keys, at)
+    to = starts[0] = columns
     for number in range(count):
         for at in range(columns, code.shape[0]):
             if known[number, at] != LEFT_OUT:

@@ -54,7 +54,7 @@ def run_near_surface(flat: Flat, low: _Doubles, step: float, side: int, apron: i
     """Return the densities of a cube of lattice points, worked out where a mesh reads them: (side, side, side) float32.
 
     low: x, y, z of the first one, voxels. apron: samples around the corners. faces: mask of faces, bits as in
-        `samples.Samples`, of which the first FACE_LAYERS layers are worked out whatever they are.
+        `samples.Samples`: their corners, and one step around, are worked out whatever they are.
     """
     patches = -(-side // PATCH)
     regions = _judged(flat, low, step, -(-side // REGION))
@@ -67,7 +67,7 @@ def run_near_surface(flat: Flat, low: _Doubles, step: float, side: int, apron: i
     density = np.empty((side, side * side), np.float32)
     wanted = np.empty((patches, patches), np.uint8)
     rows = np.empty((3, PATCH * patches), np.float32)
-    settle(regions.kinds, regions.spread, middles, faces, side, FILL, rows, wanted, density.reshape(-1))
+    settle(regions.kinds, regions.spread, middles, faces, apron + 2, side, FILL, rows, wanted, density.reshape(-1))
     box = _Box(flat, regions, low, step, density)
     box.work_out(wanted, PATCH, PATCHES)
     rock, ends = np.empty((2, side, side, -(-side // WORD_BITS)), np.uint64)
@@ -88,7 +88,7 @@ def compile_skipping() -> None:
     list_work(wanted, 1, chosen, 1, 0, 0, 1, np.empty((0, WORK_COLUMNS), np.int32), none)
     density = np.empty((0, 0), np.float32)
     flat, words = np.empty(0, np.float32), np.empty((0, 0, 1), np.uint64)
-    settle(kinds, np.empty((0, 0, 0)), density, 0, 0, FILL, np.empty((3, 0), np.float32), wanted, flat)
+    settle(kinds, np.empty((0, 0, 0)), density, 0, 0, 0, FILL, np.empty((3, 0), np.float32), wanted, flat)
     miss(flat, 0, wanted, words, words)
 
 

@@ -25,7 +25,7 @@ from chunkserver.errors import BadRecipe
 from chunkserver.field import ops
 
 REGISTERS_MAX: Final = 512
-"""Of each kind: 8 MB for a slab."""
+"""Of each kind: 8 MB for a slab; twice where rows are listed."""
 INPUTS: Final = 3
 """The first three steps are the point's x, y, z. They are given, not worked out."""
 NONE: Final = -1

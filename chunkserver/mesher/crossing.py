@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from chunkserver.kernel import inlined, lanes_below
 
 ISOVALUE: Final = np.float32(0)
-"""Below is rock; exactly at it, or above, is air. `is_rock` and `are_rock` have the only comparisons."""
+"""Below is rock; exactly at it, or above, is air. `is_rock` and `are_rock` have the mesher's only comparisons."""
 
 
 @inlined

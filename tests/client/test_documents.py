@@ -50,7 +50,7 @@ def test_the_readme_names_every_call_and_error():
 @pytest.mark.parametrize(
     ("script", "options", "says"),
     [
-        ("plot_chunk.py", (), "5,322 triangles"),
+        ("plot_chunk.py", (), "5,170 triangles"),
         ("weld_chunks.py", ("--radius", "64", "--pixels", "250"), "watertight: True"),
     ],
 )

@@ -1,6 +1,7 @@
 """Bounds of a tape over a box hold for every register at every point of it; and a wrong bound would be noticed."""
 
 import itertools
+import math
 import operator
 from collections.abc import Callable
 from dataclasses import replace
@@ -262,6 +263,16 @@ def test_bounds_hold_where_rounding_is_hard(tree, grid):
     for lod in (0, 3):
         tape = kept_tape(tree, 7, lod)
         assert holds(tape, tape, grid)
+        assert spreads(tape, tape, grid)
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.7, 1.1, 1.2866, 1.5])
+def test_spreads_hold_where_a_turned_coordinate_is_small_and_far_out(angle):
+    turned: Tree = {"op": "rotate", "a": Y, "quaternion": [0, 0, math.sin(angle / 2), math.cos(angle / 2)]}
+    x, y = 2.0**38 * math.cos(angle), 2.0**38 * math.sin(angle)
+    tape = kept_tape({"op": "subtract", "a": turned, "b": 1.43})
+    assert spreads(tape, tape, ((float(round(y)), float(round(-x)), 0.0), 1.0, (7, 7, 3)))
+    assert spreads(tape, tape, ((float(round(x)), float(round(y)), 0.0), 1.0, (7, 7, 3)))
 
 
 @settings(max_examples=count(20_000), deadline=None)

@@ -108,6 +108,29 @@ def test_a_surface_between_patches_that_are_all_settled():
     )
 
 
+def test_a_chunk_of_64_cells_between_coarser_neighbours():
+    for mask in (2, 8, 32, 63):
+        assert not faults(WorldRecipe(42, canonical(SLAB)), ChunkKey(0, 0, 0, 0), ChunkShape(64), mask)
+
+
+def test_an_apron_of_two_samples():
+    for middle in (10.3, 28.6):
+        recipe = WorldRecipe(42, canonical({**SLAB, "center": [0, 0, middle]}))
+        for mask in (8, 32, 40, 63):
+            assert not faults(recipe, ChunkKey(0, 0, 0, 0), ChunkShape(32, 2), mask)
+
+
+def test_more_programs_than_there_is_room_for():
+    """Forty balls, of which each region needs other ones."""
+    balls = [{"op": "sphere", "radius": 4, "center": [7 * n % 33, 11 * n % 34, 5 * n % 31]} for n in range(40)]
+    union = balls[0]
+    for ball in balls[1:]:
+        union = {"op": "min", "a": union, "b": ball}
+    for key in (ChunkKey(0, 0, 0, 0), ChunkKey(0, -1, 0, 0)):
+        for cells in (32, 64):
+            assert not faults(WorldRecipe(1, canonical(union)), key, ChunkShape(cells))
+
+
 def test_samples_far_from_the_surface_are_not_worked_out():
     assert share(WorldRecipe(42, builtin("hills")), ChunkKey(0, 0, 0, 0), ChunkShape(32)) < 0.4
     assert share(WorldRecipe(42, canonical(BALL)), ChunkKey(0, 0, 0, 0), ChunkShape(32)) < 0.6

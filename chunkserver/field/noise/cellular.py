@@ -84,7 +84,7 @@ def add_cellular2(
         split2(x[start:stop], z[start:stop], numbers, fractions, words)
         _hash_cells(words[:_X], words[_X:_Y], n, AXIS_X, keys[0])
         _hash_cells(words[2 * ROW : _X], words[_Z:_WINNER], n, AXIS_Z, keys[2])
-        fractions[_NEAREST:] = _FAR
+        fractions[_NEAREST : _SECOND + ROW] = _FAR
         for at_x in range(3):
             _column2(fractions, words, words[_X + at_x * ROW :], n, np.float32(at_x - 1), spread)
         _finish(fractions, words, numbers, below[start:stop], out[start:stop])
@@ -112,7 +112,7 @@ def add_cellular3(
         _hash_cells(words[:_X], words[_X:_Y], n, AXIS_X, keys[0])
         _hash_cells(words[2 * ROW : _X], words[_Y:_Z], n, AXIS_Y, keys[1])
         _hash_cells(words[4 * ROW : _X], words[_Z:_WINNER], n, AXIS_Z, keys[2])
-        fractions[_NEAREST:] = _FAR
+        fractions[_NEAREST : _SECOND + ROW] = _FAR
         for at_x in range(3):
             for at_y in range(3):
                 xs, ys = words[_X + at_x * ROW :], words[_Y + at_y * ROW :]

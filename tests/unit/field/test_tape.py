@@ -109,7 +109,7 @@ def test_what_planes_read_of_columns_is_listed():
         ({"op": "warp", "z": {"op": "x"}}, False),
     ],
 )
-@pytest.mark.parametrize("noise", ["gradient3", "simplex3", "value3"])
+@pytest.mark.parametrize("noise", ["gradient3", "simplex3", "value3", "gradient2"])
 def test_noise_is_of_rows_where_x_is_that_of_the_column_and_y_and_z_are_not(frame, in_rows, noise):
     tree = {**frame, "a": {"op": noise, "frequency": 0.1}}
     tape = check_registers(tree)
