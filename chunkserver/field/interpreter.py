@@ -111,7 +111,7 @@ def run(
                 if own and plane == work[piece, FIRST_PLANE]:
                     _take(its_rows, start, width, shared_places, shared_values, places, values)
                 count = wanted * width if own else n
-                if rows:
+                if rows and at < end:
                     _level(low[1] + step * plane, count, at_places[1])
             while at < end:
                 _execute(

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.field.interpreter import ALL, NONE_READY, SLAB_POINTS, WORK_COLUMNS, run
+from chunkserver.field.interpreter import ALL, NONE_READY, SLAB_POINTS, run
 from chunkserver.field.noise.lattice import scratch
 from chunkserver.field.tape import INPUTS, Tape
 
@@ -51,23 +51,25 @@ def densities_at(tape: Tape, step: float, points: NDArray[np.float64]) -> NDArra
 def run_box(tape: Tape, low: NDArray[np.float64], step: float, shape: Shape) -> NDArray[np.float32]:
     """Return the densities of a box of lattice points, (planes, rows, width) float32. low: x, y, z of the first one."""
     planes, rows, width = shape
-    slabs = slabs_of(rows, width)
-    work = np.empty((len(slabs), WORK_COLUMNS), np.int32)
-    for piece, (start, count) in enumerate(slabs):
-        work[piece] = start, count, 0, 0, planes, 0, ALL
-    slab = slabs[0][1]
+    work, slab = _whole(planes, rows, width)
     places, values = np.empty((1, tape.places, slab)), np.empty((1, tape.values, slab), np.float32)
     density = np.empty((planes, rows * width), np.float32)
     _run(tape, low, step, rows, work, places, values, density)
     return density.reshape(shape)
 
 
-def slabs_of(rows: int, width: int) -> list[tuple[int, int]]:
-    """Return the slabs of a plane, whole rows, about equally many each: the first point and how many."""
+@lru_cache(maxsize=SIZES_MAX)
+def _whole(planes: int, rows: int, width: int) -> tuple[NDArray[np.int32], int]:
+    """Return the work of all points of a box, slab by slab, and how many points the largest slab has.
+
+    Slabs are whole rows, about equally many each.
+    """
     of_slab = max(1, SLAB_POINTS // width)
-    slabs = -(-rows // of_slab)
-    of_slab = -(-rows // slabs)
-    return [(row * width, (min(row + of_slab, rows) - row) * width) for row in range(0, rows, of_slab)]
+    of_slab = -(-rows // -(-rows // of_slab))
+    starts = range(0, rows, of_slab)
+    counts = [(min(row + of_slab, rows) - row) * width for row in starts]
+    pieces = [(row * width, count, 0, 0, planes, 0, ALL) for row, count in zip(starts, counts, strict=True)]
+    return np.array(pieces, np.int32), counts[0]
 
 
 def _run(

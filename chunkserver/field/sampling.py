@@ -43,9 +43,11 @@ def sample_near_surface(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, c
     of `coarser`, wants `sample`. Raises what `sample` raises.
     """
     flat, first = flatten(recipe, key.lod), _first(key, shape)
+    low, step, side = np.array(first, float), float(key.step), shape.samples
     if flat.cost < WORTH:
-        return sample(recipe, key, shape, coarser)
-    density = run_near_surface(flat, np.array(first, float), float(key.step), shape.samples, shape.apron, coarser)
+        density = run_box(flat.tape, low, step, (side, side, side))
+    else:
+        density = run_near_surface(flat, low, step, side, shape.apron, coarser)
     if not coarser:
         return Samples(shape, density)
     return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
