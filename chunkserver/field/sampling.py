@@ -31,9 +31,7 @@ def sample(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int =
     first = _first(key, shape)
     side = shape.samples
     density = _sample(recipe, key.lod, first, (side, side, side))
-    if not coarser:
-        return Samples(shape, density)
-    return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
+    return _beside_coarse(recipe, key, shape, coarser, density)
 
 
 def sample_near_surface(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int = 0) -> Samples:
@@ -48,6 +46,13 @@ def sample_near_surface(recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, c
         density = run_box(flat.tape, low, step, (side, side, side))
     else:
         density = run_near_surface(flat, low, step, side, shape.apron, coarser)
+    return _beside_coarse(recipe, key, shape, coarser, density)
+
+
+def _beside_coarse(
+    recipe: WorldRecipe, key: ChunkKey, shape: ChunkShape, coarser: int, density: NDArray[np.float32]
+) -> Samples:
+    """Return a chunk's densities together with those of the next level that its mask takes."""
     if not coarser:
         return Samples(shape, density)
     return Samples(shape, density, coarser, _sample(recipe, key.lod + 1, *_coarse_box(key, shape, coarser)))
