@@ -18,7 +18,7 @@ from chunkserver.grid import ChunkKey
 from chunkserver.server.cache import ChunkCache, Kept
 from chunkserver.server.cors import Cors
 from chunkserver.server.etag import is_known
-from chunkserver.server.plan import Plan, Reply
+from chunkserver.server.plan import Plan, Reply, Version
 
 ANSWERS_BYTES_MAX: Final = 32 << 20
 """Room for about 8,000 URLs; the bodies are the cache's."""
@@ -73,7 +73,8 @@ class _Entry:
     """What a request was answered with. Of both heads only what was sent once is there."""
 
     plan: Plan
-    tag: str
+    age: int
+    version: Version
     quoted: bytes
     found: Message | None = None
     has_body: bool = False
@@ -118,18 +119,18 @@ class Answers:
         entry = self._kept.get(
             (scope["path"], scope["query_string"], get(b"accept"), get(b"accept-encoding"), get(b"origin"))
         )
-        if entry is None or len(fields) != len(scope["headers"]) or not entry.plan.holds():
+        if entry is None or len(fields) != len(scope["headers"]) or not _stands(entry):
             return None
         entry.used = True
         known = get(b"if-none-match")
-        if known is not None and (known == entry.quoted or is_known((known.decode("latin-1"),), entry.tag)):
+        if known is not None and (known == entry.quoted or is_known((known.decode("latin-1"),), entry.version.tag)):
             self.not_modified += 1
             if entry.not_modified is None:
-                entry.not_modified = self.start(get(b"origin"), entry.plan.not_modified(entry.tag))
+                entry.not_modified = self.start(get(b"origin"), entry.plan.not_modified(entry.version))
             return entry.not_modified, b""
         chunk = entry.kept and self._cache.use(entry.kept)
         if not chunk:
-            entry.kept = self._cache.look_up(entry.tag)  # it may have been dropped, and built again
+            entry.kept = self._cache.look_up(entry.version.tag)  # it may have been dropped, and built again
             chunk = entry.kept and self._cache.use(entry.kept)
         if not (entry.found and chunk):
             return None
@@ -157,16 +158,19 @@ class Answers:
         if len(self._plans) > PLANS_MAX:
             self._plans.popitem(last=False)
 
-    def keep(self, wanted: Asked, plan: Plan, tag: str, reply: Reply) -> None:
-        """Keep the head of `reply`, made by `plan`, whose body is in the cache under `tag`, as long as that holds."""
-        weight = _bytes(wanted.key)
-        if weight > KEY_BYTES_MAX or not plan.holds():
+    def keep(self, wanted: Asked, plan: Plan, reply: Reply) -> None:
+        """Keep the head of `reply`, which `plan` has just made, as long as that holds and is of the same age.
+
+        The body is in the cache, under the tag. A reply that shows no version of a chunk is not kept.
+        """
+        weight, version = _bytes(wanted.key), reply.version
+        if version is None or weight > KEY_BYTES_MAX or not plan.holds():
             return
         entry = self._kept.get(wanted.key)
         if entry is None:
             self._make_room(weight + ENTRY_BYTES)
-        if entry is None or entry.plan is not plan:
-            entry = self._kept[wanted.key] = _Entry(plan, tag, b'"%b"' % tag.encode())
+        if entry is None or entry.plan is not plan or not _stands(entry):
+            entry = self._kept[wanted.key] = _Entry(plan, plan.age(), version, b'"%b"' % version.tag.encode())
         if reply.status != HTTPStatus.NOT_MODIFIED:
             entry.found, entry.has_body = self.start(wanted.origin, reply), reply.status == HTTPStatus.OK
 
@@ -185,6 +189,11 @@ class Answers:
         """Return the ASGI message that begins `reply` to a page of `origin`, or to a client that is no page."""
         headers = (*reply.headers, *self._cors.headers(origin))
         return {"type": "http.response.start", "status": int(reply.status), "headers": headers}
+
+
+def _stands(entry: _Entry) -> bool:
+    """Return whether the same request would be answered with the same head now."""
+    return entry.plan.holds() and entry.age == entry.plan.age()
 
 
 def _bytes(key: _Key) -> int:

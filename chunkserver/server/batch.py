@@ -36,7 +36,7 @@ from chunkserver.server.parameters import (
     encoding_of,
     refuse_repeats,
 )
-from chunkserver.server.plan import IDENTITY, Plan
+from chunkserver.server.plan import IDENTITY, Plan, Version
 from chunkserver.server.problems import (
     BodyTooLarge,
     BodyTooSlow,
@@ -226,29 +226,30 @@ class _Work:
 
     def _ask_for(self, item: _Item) -> int:
         """Ask for one chunk. Return the bytes that could be told of it at once."""
-        cache, tag = self._service.cache, item.plan.tag(item.key)
+        cache, version = self._service.cache, item.plan.current(item.key)
+        tag = version.tag
         if tag in self._known:
-            return self._tell(item, HTTPStatus.NOT_MODIFIED, tag)
+            return self._tell(item, HTTPStatus.NOT_MODIFIED, version)
         chunk = cache.find(tag)
         if chunk is not None:
-            return self._tell_chunk(item, tag, chunk)
+            return self._tell_chunk(item, version, chunk)
         if self._service.pool.refuses(self._urgency, item.key.lod) and not cache.at_hand(tag):
             self._hold(item)
             return 0
-        request = item.plan.request(item.key)
+        request = item.plan.request(version)
         distance = item.distance / request.cells
         build = partial(self._service.pool.build, request, urgency=self._urgency, distance=distance)
         building = self._building[item.number] = cache.ask(tag, build, self._urgency)
-        building.chunk.add_done_callback(partial(self._built, item, tag))
+        building.chunk.add_done_callback(partial(self._built, item, version))
         return 0
 
-    def _built(self, item: _Item, tag: str, made: asyncio.Future[Chunk]) -> None:
+    def _built(self, item: _Item, version: Version, made: asyncio.Future[Chunk]) -> None:
         building = self._building.pop(item.number, None)
         if building is None:
             return  # the batch is over
         self._service.cache.leave(building)
         try:
-            self._tell_chunk(item, tag, made.result())
+            self._tell_chunk(item, version, made.result())
             self._go_on()
         except Overloaded:
             self._hold(item)
@@ -257,17 +258,24 @@ class _Work:
             self._tell(item, told.status_code, body=bytes(told.body))
         self._changed.set()
 
-    def _tell_chunk(self, item: _Item, tag: str, chunk: Chunk) -> int:
+    def _tell_chunk(self, item: _Item, version: Version, chunk: Chunk) -> int:
         status = item.plan.status(chunk)
         if status == HTTPStatus.NO_CONTENT:
-            return self._tell(item, status, tag, content=chunk.content)
+            return self._tell(item, status, version, content=chunk.content)
         coding = item.plan.template.encoding.coding
-        return self._tell(item, status, tag, body=chunk.body, content=chunk.content, coding=coding)
+        return self._tell(item, status, version, body=chunk.body, content=chunk.content, coding=coding)
 
     def _tell(
-        self, item: _Item, status: int, tag: str = "", *, body: bytes = b"", content: str = "", coding: str = IDENTITY
+        self,
+        item: _Item,
+        status: int,
+        version: Version | None = None,
+        *,
+        body: bytes = b"",
+        content: str = "",
+        coding: str = IDENTITY,
     ) -> int:
-        revision = item.plan.template.revision if tag else 0
+        revision, tag = (version.revision, version.tag) if version else (0, "")
         parts = frame(item.number, status, body=body, content=content, coding=coding, revision=revision, tag=tag)
         self._ready += parts
         return sum(map(len, parts))

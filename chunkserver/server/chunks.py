@@ -9,13 +9,12 @@ from starlette.types import Receive
 
 from chunkserver.errors import BadKey, BadParameter, BadRecipe, DeadlinePassed, Overloaded, Unavailable, WorkerLost
 from chunkserver.grid import ChunkKey
-from chunkserver.pipeline import ChunkRequest
 from chunkserver.server.accept import preferred, preferred_coding, urgency
 from chunkserver.server.answers import asked
 from chunkserver.server.etag import is_known
 from chunkserver.server.openapi import Responses, header, problem_responses
 from chunkserver.server.parameters import IfNoneMatch
-from chunkserver.server.plan import VARY, WITHOUT_BODY, Plan, Reply
+from chunkserver.server.plan import VARY, WITHOUT_BODY, Plan, Reply, Version
 from chunkserver.server.presence import while_there
 from chunkserver.server.problems import OldGenerator
 from chunkserver.server.service import Service, ServiceOfApp
@@ -99,33 +98,32 @@ async def answer(call: Call, plan: Plan, key: ChunkKey) -> Response:
     """
     scope, service = call.request.scope, call.service
     plan.check(key)
-    request, tag = plan.request(key), plan.tag(key)
+    version = plan.current(key)
     wanted = asked(scope)
     if wanted is not None:
         service.answers.learn(wanted, plan)
     urgent = urgency(call.request.headers.get("priority", "").encode("latin-1"))
-    made = await reply(service, plan, request, tag, is_known(call.if_none_match, tag), call.request.receive, urgent)
-    if wanted is not None and made.status != CLIENT_LEFT:
-        service.answers.keep(wanted, plan, tag, made)
+    known = is_known(call.if_none_match, version.tag)
+    made = await reply(service, plan, version, known, call.request.receive, urgent)
+    if wanted is not None:
+        service.answers.keep(wanted, plan, made)
     response = Response(made.body, made.status)
     response.raw_headers = list(made.headers)
     return response
 
 
-async def reply(
-    service: Service, plan: Plan, request: ChunkRequest, tag: str, known: bool, receive: Receive, urgent: int
-) -> Reply:
-    """Return the answer to `request`: 304 if the client has it (`known`), else from the cache or the workers.
+async def reply(service: Service, plan: Plan, version: Version, known: bool, receive: Receive, urgent: int) -> Reply:
+    """Return the answer that is `version`: 304 if the client has it (`known`), else from the cache or the workers.
 
-    tag: of the answer. urgent: see `Pool.build`, whose errors are raised.
+    urgent: see `Pool.build`, whose errors are raised.
     """
     if known:
-        return plan.not_modified(tag)
-    chunk = service.cache.find(tag)
+        return plan.not_modified(version)
+    chunk = service.cache.find(version.tag)
     if chunk is None:
-        building = service.cache.get_or_build(tag, partial(service.pool.build, request, urgency=urgent), urgent)
-        chunk = await while_there(receive, building)
-    return Reply(CLIENT_LEFT, (), b"") if chunk is None else plan.found(tag, chunk)
+        build = partial(service.pool.build, plan.request(version), urgency=urgent)
+        chunk = await while_there(receive, service.cache.get_or_build(version.tag, build, urgent))
+    return Reply(CLIENT_LEFT, (), b"") if chunk is None else plan.found(version, chunk)
 
 
 def check_generator(asked: str | None, current: str) -> None:

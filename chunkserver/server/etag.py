@@ -16,8 +16,8 @@ _ORIGIN: Final = ChunkKey(0, 0, 0, 0)
 _ENTITY_TAG: Final = re.compile(r'(?:W/)?"([^"]*)"')
 
 
-def tags(template: ChunkRequest, epoch: str = "") -> Callable[[ChunkKey], str]:
-    """Return what names the answers to requests that are like `template` in all but the key, given that.
+def tags(template: ChunkRequest, epoch: str = "") -> Callable[[ChunkKey, int], str]:
+    """Return what names the answers to requests that are like `template` in all but key and revision, given these two.
 
     A name is a strong entity tag without its quotes: hex, also the cache's key. epoch: of the world, if they are chunks
     of one: revisions of another epoch count other edits.
@@ -26,13 +26,13 @@ def tags(template: ChunkRequest, epoch: str = "") -> Callable[[ChunkKey], str]:
     may be 64 KB. The generator adds the sources that shape a chunk, the coding its compressor. Same tag, same bytes.
     """
     recipe = template.recipe
-    named = replace(template, recipe=WorldRecipe(recipe.seed, recipe.digest), key=_ORIGIN)
+    named = replace(template, recipe=WorldRecipe(recipe.seed, recipe.digest), key=_ORIGIN, revision=0)
     version = CODINGS[template.encoding.coding].version
     begun = hashlib.blake2b(f"{generator(recipe)} {named!r} {epoch} {version} ".encode(), digest_size=ETAG_BYTES)
 
-    def tag(key: ChunkKey) -> str:
+    def tag(key: ChunkKey, revision: int) -> str:
         digest = begun.copy()
-        digest.update(b"%d %d %d %d" % key)
+        digest.update(b"%d %d %d %d %d" % (*key, revision))
         return digest.hexdigest()
 
     return tag
@@ -40,7 +40,7 @@ def tags(template: ChunkRequest, epoch: str = "") -> Callable[[ChunkKey], str]:
 
 def etag(request: ChunkRequest, epoch: str = "") -> str:
     """Return what `tags` gives for this one request."""
-    return tags(request, epoch)(request.key)
+    return tags(request, epoch)(request.key, request.revision)
 
 
 def body_etag(body: bytes) -> str:

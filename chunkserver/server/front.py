@@ -20,7 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from chunkserver.errors import BadRequest, ChunkError, Overloaded
 from chunkserver.server.accept import urgency
 from chunkserver.server.answers import asked
-from chunkserver.server.chunks import CLIENT_LEFT, reply
+from chunkserver.server.chunks import reply
 from chunkserver.server.plan import Reply
 from chunkserver.server.problems import refusal
 from chunkserver.server.service import Service
@@ -60,20 +60,19 @@ class Front:
         except BadRequest:
             return None
         self._answers.built += 1
-        tag = plan.tag(key)
+        version = plan.current(key)
         urgent = urgency(dict(scope["headers"]).get(b"priority"))
-        service, known = self._service, wanted.knows(tag)
-        if service.pool.refuses(urgent, key.lod) and not (known or service.cache.at_hand(tag)):
+        service, known = self._service, wanted.knows(version.tag)
+        if service.pool.refuses(urgent, key.lod) and not (known or service.cache.at_hand(version.tag)):
             self._answers.refused += 1
             return self._answers.start(wanted.origin, self._overloaded), self._overloaded.body
         try:
-            made = await reply(service, plan, plan.request(key), tag, known, receive, urgent)
+            made = await reply(service, plan, version, known, receive, urgent)
         except ChunkError as error:
             self._answers.refused += isinstance(error, Overloaded)
             made = _refusal(scope, error)
         else:
-            if made.status != CLIENT_LEFT:
-                self._answers.keep(wanted, plan, tag, made)
+            self._answers.keep(wanted, plan, made)
         return self._answers.start(wanted.origin, made), made.body
 
 

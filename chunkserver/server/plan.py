@@ -1,11 +1,13 @@
 """What requests for chunks have in common that differ in the chunk's coordinates alone.
 
 A plan is made by a route, from a URL that it has parsed and found good. It then answers for every chunk beside that
-one, as long as it `holds`: nothing but the coordinates has to be looked at again.
+one, as long as it `holds`: nothing has to be looked at again but the coordinates, and which edit of the chunk is its
+last by now.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from http import HTTPStatus
 from typing import Any, Final, NamedTuple
 
@@ -15,6 +17,7 @@ from chunkserver.server.etag import tags
 from chunkserver.wire import FORMATS, Encoding
 
 VARY: Final = "Accept, Accept-Encoding"
+_VARY: Final = b"vary", VARY.encode()
 WITHOUT_BODY: Final = Encoding().format
 """The format in which an empty chunk is a 204. In the others it is a file without geometry."""
 IDENTITY: Final = Encoding().coding
@@ -22,32 +25,57 @@ IDENTITY: Final = Encoding().coding
 Headers = tuple[tuple[bytes, bytes], ...]
 
 
+class Version(NamedTuple):
+    """A chunk as one of its edits has left it.
+
+    revision: of its own last edit, 0 if it is pristine.
+    tag: the entity tag of the answer, without its quotes; also the cache's key.
+    """
+
+    key: ChunkKey
+    revision: int
+    tag: str
+
+
 class Reply(NamedTuple):
-    """All of one answer, as ASGI takes it."""
+    """All of one answer, as ASGI takes it. version: what it shows; None of a refusal."""
 
     status: int
     headers: Headers
     body: bytes
+    version: Version | None = None
+
+
+def _never_edited(_: ChunkKey) -> int:
+    return 0
+
+
+def _ageless() -> int:
+    return 0
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """How all chunks are answered for that a kind of request can name.
 
-    template: a request for one of them.
-    tag: returns the entity tag of a chunk, without its quotes; also the cache's key.
-    others: its fields behind recipe and key.
-    headers: of every answer.
-    holds: whether the same request would be answered alike now.
+    template: a request for one of them, pristine.
+    others: its fields between key and revision.
+    tag: returns the entity tag of a chunk at a revision, without its quotes.
+    headers: returns those of an answer, given the chunk's revision: besides `ETag` and what tells of a body.
+    holds: whether the same request would be answered in this way now.
+    age: of what else an answer tells: one made at another age may not be given again as it is.
+    last_edit: returns the revision of a chunk's own last edit.
     epoch: of the world, if they are chunks of one.
     lods: how many LODs there are.
     """
 
     template: ChunkRequest
     others: tuple[Any, ...]
-    tag: Callable[[ChunkKey], str]
-    headers: Headers
+    tag: Callable[[ChunkKey, int], str]
+    headers: Callable[[int], Headers]
     holds: Callable[[], bool]
+    age: Callable[[], int]
+    last_edit: Callable[[ChunkKey], int]
     epoch: str
     lods: int
 
@@ -55,17 +83,19 @@ class Plan:
     def of(
         cls,
         template: ChunkRequest,
-        headers: Mapping[str, str],
+        headers: Callable[[int], Mapping[str, str]],
         holds: Callable[[], bool],
+        age: Callable[[], int] = _ageless,
+        last_edit: Callable[[ChunkKey], int] = _never_edited,
         epoch: str = "",
         lods: int = LOD_MAX + 1,
     ) -> "Plan":
         """Return the plan for chunks like `template`.
 
-        headers: those besides `ETag`, `Vary` and what tells of a body.
+        headers: returns those besides `ETag`, `Vary` and what tells of a body.
         """
-        all_headers = {"Vary": VARY, **headers}
-        return cls(template, _others(template), tags(template, epoch), _raw(all_headers), holds, epoch, lods)
+        told = partial(_raw, headers)
+        return cls(template, _others(template), tags(template, epoch), told, holds, age, last_edit, epoch, lods)
 
     def fitted(self, coarser: int) -> "Plan":
         """Return the plan for the same chunks with another mask of coarser neighbours.
@@ -80,40 +110,47 @@ class Plan:
         """Raise `BadKey` if there is no such chunk, `BadParameter` if it cannot have a coarser neighbour."""
         check_key(key, self.template.cells, self.lods, self.template.coarser)
 
-    def request(self, key: ChunkKey) -> ChunkRequest:
-        """Return the request for the chunk `key`, which was checked."""
-        return ChunkRequest(self.template.recipe, key, *self.others)  # a fifth of what `replace` takes
+    def current(self, key: ChunkKey) -> Version:
+        """Return the chunk `key`, which was checked, as its last edit has left it."""
+        revision = self.last_edit(key)
+        return Version(key, revision, self.tag(key, revision))
 
-    def not_modified(self, tag: str) -> Reply:
-        """Return the answer to a client that has the bytes named `tag`."""
-        return Reply(HTTPStatus.NOT_MODIFIED, ((b"etag", b'"%b"' % tag.encode()), *self.headers), b"")
+    def request(self, version: Version) -> ChunkRequest:
+        """Return the request for a version of a chunk."""
+        template = self.template
+        values: tuple[Any, ...] = template.recipe, version.key, *self.others, version.revision, template.encoding
+        return ChunkRequest(*values)  # a fifth of what `replace` takes
+
+    def not_modified(self, version: Version) -> Reply:
+        """Return the answer to a client that has the bytes of `version`."""
+        return Reply(HTTPStatus.NOT_MODIFIED, self._told(version), b"", version)
+
+    def _told(self, version: Version) -> Headers:
+        return ((b"etag", b'"%b"' % version.tag.encode()), *self.headers(version.revision))
 
     def status(self, chunk: Chunk) -> HTTPStatus:
         """Return the status of the answer that is `chunk`."""
         empty = chunk.content != "surface" and self.template.encoding.format == WITHOUT_BODY
         return HTTPStatus.NO_CONTENT if empty else HTTPStatus.OK
 
-    def found(self, tag: str, chunk: Chunk) -> Reply:
-        """Return the answer that is `chunk`, whose bytes are named `tag`."""
-        told = (
-            (b"etag", b'"%b"' % tag.encode()),
-            *self.headers,
-            (b"chunk-content", chunk.content.encode()),
-        )
+    def found(self, version: Version, chunk: Chunk) -> Reply:
+        """Return the answer that is `chunk`, the bytes of `version`."""
+        told = (*self._told(version), (b"chunk-content", chunk.content.encode()))
         if self.status(chunk) == HTTPStatus.NO_CONTENT:
-            return Reply(HTTPStatus.NO_CONTENT, told, b"")
+            return Reply(HTTPStatus.NO_CONTENT, told, b"", version)
         encoding = self.template.encoding
         coding = () if encoding.coding == IDENTITY else ((b"content-encoding", encoding.coding.encode()),)
         length = (b"content-length", b"%d" % len(chunk.body))
         media_type = (b"content-type", FORMATS[encoding.format].media_type.encode())
-        return Reply(HTTPStatus.OK, (*told, length, media_type, *coding), chunk.body)
+        return Reply(HTTPStatus.OK, (*told, length, media_type, *coding), chunk.body, version)
 
 
 def _others(template: ChunkRequest) -> tuple[Any, ...]:
-    first, second, *others = (field.name for field in fields(template))
-    assert (first, second) == ("recipe", "key")
+    recipe, key, *others, revision, encoding = (field.name for field in fields(template))
+    assert (recipe, key, revision, encoding) == ("recipe", "key", "revision", "encoding")
     return tuple(getattr(template, name) for name in others)
 
 
-def _raw(headers: Mapping[str, str]) -> Headers:
-    return tuple((name.lower().encode(), value.encode("latin-1")) for name, value in headers.items())
+def _raw(headers: Callable[[int], Mapping[str, str]], revision: int) -> Headers:
+    told = headers(revision).items()
+    return (_VARY, *((name.lower().encode(), value.encode("latin-1")) for name, value in told))

@@ -145,4 +145,4 @@ def seed_plan(posted: PostedRecipes, seed: int, query: SeedChunkQuery, encoding:
     template = chunk_template(pristine(seed, query.recipe, posted), query, encoding)
     check_generator(query.g, generator(template.recipe))
     headers = {"Cache-Control": IMMUTABLE if query.g else REVALIDATE}
-    return Plan.of(template, headers, known(template.recipe.digest, posted))
+    return Plan.of(template, lambda _: headers, known(template.recipe.digest, posted))

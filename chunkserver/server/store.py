@@ -45,10 +45,14 @@ class WorldStore:
         """Return the first `limit` worlds whose id sorts behind `after`, by id, whatever generator made them."""
         return self._catalogue.page(after, limit)
 
-    def is_at(self, name: str, epoch: str, revision: int) -> bool:
-        """Return whether the world whose id is `name` still is the one of `epoch`, without an edit since `revision`."""
+    def holds(self, name: str, epoch: str) -> bool:
+        """Return whether the world whose id is `name` still is the one of `epoch`."""
         world = self._catalogue.find(name)
-        return world is not None and (world.epoch, world.revision) == (epoch, revision)
+        return world is not None and world.epoch == epoch
+
+    def revision(self, name: str) -> int:
+        """Return how many edits the world whose id is `name` has taken. Raises `UnknownWorld`."""
+        return self.find(name).revision
 
     async def at_revision(self, name: str, revision: int) -> World:
         """Return the world whose id is `name` when it has `revision`. Raises what `find` does, and `DeadlinePassed`."""

@@ -135,10 +135,20 @@ async def world_plan(
     for key in keys:
         check_key(key, world.chunk_cells, world.lods, template.coarser)
     now = await worlds.at_revision(name, query.min_revision)
-    if now is not world:
+    if now.epoch != world.epoch:
         template = _template(now, query, encoding)
-    headers = revision_headers(now, template.revision, query)
-    return Plan.of(template, headers, partial(worlds.is_at, name, now.epoch, now.revision), now.epoch, now.lods)
+    headers = partial(_headers, worlds, name, now.epoch, query)
+    headers(0)  # refuses a revision that is yet to come
+    holds, age = partial(worlds.holds, name, now.epoch), partial(worlds.revision, name)
+    return Plan.of(template, headers, holds, age, epoch=now.epoch, lods=now.lods)
+
+
+def _headers(worlds: WorldStore, name: str, epoch: str, query: WorldChunkQuery, chunk_revision: int) -> dict[str, str]:
+    """Return `revision_headers` of the world of `epoch` as it is by now. Raises `UnknownWorld` if that is gone."""
+    world = worlds.find(name)
+    if world.epoch != epoch:
+        raise UnknownWorld(f"the world {name!r} that was asked for is gone: there is another one by now", world=name)
+    return revision_headers(world, chunk_revision, query)
 
 
 def _template(world: World, query: WorldChunkQuery, encoding: Encoding) -> ChunkRequest:

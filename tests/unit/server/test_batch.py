@@ -289,7 +289,7 @@ def test_a_batch_that_is_closed_half_way_leaves_the_queue_once():
 
         service = create_app(Settings(workers=1), Never()).state.service
         template = ChunkRequest(WorldRecipe(1, builtin("plane")), ChunkKey(0, 0, 0, 0))
-        plan = Plan.of(template, {}, lambda: True)
+        plan = Plan.of(template, lambda _: {}, lambda: True)
         batch = Batch(chunks=[[0, x, 0, 0] for x in range(100)])
         work = _Work(service, plan, batch, Request({"type": "http", "headers": []}))
         frames = work.frames(0)
@@ -297,7 +297,7 @@ def test_a_batch_that_is_closed_half_way_leaves_the_queue_once():
         waiting = asyncio.ensure_future(anext(frames))
         while len(asked) < IN_FLIGHT_MAX:
             await asyncio.sleep(0)
-        joined = service.cache.get_or_build(plan.tag(ChunkKey(0, 1, 0, 0)), Never().build)
+        joined = service.cache.get_or_build(plan.current(ChunkKey(0, 1, 0, 0)).tag, Never().build)
         other = asyncio.ensure_future(joined)
         await asyncio.sleep(0)
         waiting.cancel()

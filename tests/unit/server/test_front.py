@@ -221,7 +221,7 @@ def test_a_world_that_went_on_or_away_is_answered_anew():
         found = worlds._catalogue._worlds
         found["w"] = world_w(revision=7)
         assert dict((await service.get(path))[1])[b"world-revision"] == b"7"
-        assert service.passed == 2
+        assert service.passed == 1, "the front makes the new head by itself"
         await worlds.delete("w")
         assert (await service.get(path))[0] == 404
         await worlds.create(world_w(43, epoch="def"))
