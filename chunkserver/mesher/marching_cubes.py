@@ -73,7 +73,7 @@ def marching_cubes(samples: Samples, normals: NormalKind) -> Mesh:
     firsts = np.empty((*rows.shape, 3), np.uint64) if samples.coarser else _NO_FIRSTS
     edges, cells = np.empty(3 * rows.size + 1, np.uint64), np.empty(rows.size + 1, np.uint64)
     ends = np.empty((shape.corners, 2), np.uint64)
-    list_runs(rows, bits, firsts, edges, cells, ends)
+    list_runs(rows.reshape(-1), shape.corners, bits, firsts.reshape(-1), edges, cells, ends)
     vertices, mixed = ends[-1].tolist()
     seams = count_seams(samples, vertices) if samples.coarser else NO_SEAMS
     every = vertices + len(seams.vertices)

@@ -80,56 +80,50 @@ def pack(density: _Densities, side: int, apron: int, rows: Words) -> int:
     return ALL_ROCK if every == below(end + ONE) else MIXED
 
 
-@inlined
-def _crossed_edges(rows: Words, y: int, z: int, run: int) -> tuple[np.uint64, np.uint64, np.uint64]:
-    """Return which edges along x, y and z are crossed, by the corner of a run that they start at."""
-    corners, _, runs = rows.shape
-    cells = below(np.uint64((corners - 1) // runs))
-    own = cells if run + 1 < runs else cells << ONE | ONE
-    here = rows[y, z, run]
-    above = rows[y + 1, z, run] if y + 1 < corners else here
-    beside = rows[y, z + 1, run] if z + 1 < corners else here
-    return (here ^ here >> ONE) & cells, (here ^ above) & own, (here ^ beside) & own
-
-
-@inlined
-def _mixed_cells(rows: Words, y: int, z: int, run: int) -> np.uint64:
-    """Return which cells of a run have corners on both sides of the surface. There is no row behind the last one."""
-    corners, _, runs = rows.shape
-    if y + 1 == corners or z + 1 == corners:
-        return np.uint64(0)
-    a, b, c, d = rows[y, z, run], rows[y + 1, z, run], rows[y, z + 1, run], rows[y + 1, z + 1, run]
-    some, every = a | b | c | d, a & b & c & d
-    mixed = (some | some >> ONE) & ~(every & every >> ONE)
-    return np.uint64(mixed & below(np.uint64((corners - 1) // runs)))
-
-
 @kernel
-def list_runs(rows: Words, bits: int, firsts: Words, edges: Words, cells: Words, ends: Words) -> None:
+def list_runs(rows: Words, corners: int, bits: int, firsts: Words, edges: Words, cells: Words, ends: Words) -> None:
     """List what is crossed, in the order of y, z, run, axis.
 
-    bits: `slot_bits`. firsts: (y, z, run, axis) out, the number of the first vertex of each run of edges; or empty.
-    edges, cells: out, an entry for each run that is not empty, and room for one more. ends: (y, 2) out, how many
-    vertices and how many mixed cells there are up to the end of each plane.
+    rows: flat, `corners` a side. bits: `slot_bits`. firsts: flat (y, z, run, axis) out, the number of the first vertex
+    of each run of edges, but for runs around which nothing is crossed; or empty. edges, cells: out, an entry for each
+    run that is not empty, and room for one more. ends: (y, 2) out, how many vertices and how many mixed cells there are
+    up to the end of each plane.
+
+    Most runs lie all in air or all in rock, and so do those beside and above: that is asked first.
     """
-    corners, _, runs = rows.shape
     vertices, mixed, edge, cell = np.uint64(0), np.uint64(0), np.uint64(0), np.uint64(0)
+    plane = np.uint64(rows.size // corners)
+    runs = plane // np.uint64(corners)
+    width = np.uint64(corners - 1) // runs
+    inner, whole, last = below(width), below(width + ONE), plane - runs
     for y in range(corners):
-        for z in range(corners):
-            for run in range(runs):
-                slot = ((np.uint64(y) << np.uint64(bits) | np.uint64(z)) << np.uint64(bits)) + np.uint64(
-                    RUN_CELLS * run
-                )
-                entry = slot << SLOT_X + RUN_BITS
-                crossed = _crossed_edges(rows, y, z, run)
-                for axis in range(3):
-                    if firsts.size > 0:
-                        firsts[y, z, run, axis] = vertices
-                    vertices += popcount(crossed[axis])
-                    edges[edge] = entry | np.uint64(axis) << RUN_BITS | crossed[axis]
-                    edge += np.uint64(crossed[axis] != 0)
-                found = _mixed_cells(rows, y, z, run)
+        up = plane if y + 1 < corners else np.uint64(0)
+        for place in range(plane):
+            here = np.uint64(y) * plane + place
+            beside = here + runs if place < last else here
+            a, b, c, d = rows[here], rows[here + up], rows[beside], rows[beside + up]
+            some, every = a | b | c | d, a & b & c & d
+            if some == np.uint64(0) or every == whole:
+                continue
+            z, run = place // runs, place % runs
+            entry = _slot(np.uint64(y), z, run, np.uint64(bits)) << SLOT_X + RUN_BITS
+            own = whole if run + ONE == runs else inner
+            crossed = (a ^ a >> ONE) & inner, (a ^ b) & own, (a ^ c) & own
+            for axis in range(3):
+                if firsts.size > 0:
+                    firsts[np.uint64(3) * here + np.uint64(axis)] = vertices
+                vertices += popcount(crossed[axis])
+                edges[edge] = entry | np.uint64(axis) << RUN_BITS | crossed[axis]
+                edge += np.uint64(crossed[axis] != np.uint64(0))
+            found = (some | some >> ONE) & ~(every & every >> ONE) & inner
+            if up > np.uint64(0) and place < last:  # there is no cell beyond the last row, or the last plane
                 mixed += popcount(found)
                 cells[cell] = entry | found
-                cell += np.uint64(found != 0)
+                cell += np.uint64(found != np.uint64(0))
         ends[y, 0], ends[y, 1] = vertices, mixed
+
+
+@inlined
+def _slot(y: np.uint64, z: np.uint64, run: np.uint64, bits: np.uint64) -> np.uint64:
+    """Return the slot of the first corner of a run, without the axis."""
+    return ((y << bits | z) << bits) + np.uint64(RUN_CELLS) * run

@@ -95,7 +95,7 @@ def test_what_is_crossed_is_listed_once(cells, kind, rng):
     firsts = np.empty((*rows.shape, 3), np.uint64)
     edges, mixed = np.zeros(3 * rows.size + 1, np.uint64), np.zeros(rows.size + 1, np.uint64)
     ends = np.empty((shape.corners, 2), np.uint64)
-    list_runs(rows, bits, firsts, edges, mixed, ends)
+    list_runs(rows.reshape(-1), shape.corners, bits, firsts.reshape(-1), edges, mixed, ends)
     rock = inner(density, shape)
     slot = np.indices(rock.shape) << np.array([0, bits + 2, 2])[:, None, None, None]
     expected = set()
