@@ -105,16 +105,12 @@ def check_key(key: ChunkKey, cells: int, lods: int = LOD_MAX + 1, coarser: int =
 
     coarser: mask of the faces whose neighbour is one LOD coarser. Raises `BadParameter` if there is no such LOD.
     """
-    if not 0 <= key.lod < lods:
-        raise BadKey(f"lod is {key.lod}; this world has 0 to {lods - 1}", lod=key.lod)
-    side = cells << key.lod
-    limit = LATTICE_MAX // side
-    for axis, coordinate in zip("xyz", (key.x, key.y, key.z), strict=True):
-        if not -limit <= coordinate < limit:
-            raise BadKey(
-                f"{axis} is {coordinate}; at lod {key.lod} it lies in [{-limit}, {limit})", **{axis: coordinate}
-            )
-    if coarser and key.lod == lods - 1:
-        raise BadParameter(
-            f"coarser is {coarser}; nothing is coarser than lod {key.lod} in this world", coarser=coarser
-        )
+    lod, x, y, z = key
+    if not 0 <= lod < lods:
+        raise BadKey(f"lod is {lod}; this world has 0 to {lods - 1}", lod=lod)
+    limit = LATTICE_MAX // (cells << lod)
+    if not (-limit <= x < limit and -limit <= y < limit and -limit <= z < limit):
+        axis, place = next((axis, at) for axis, at in zip("xyz", (x, y, z), strict=True) if not -limit <= at < limit)
+        raise BadKey(f"{axis} is {place}; at lod {lod} it lies in [{-limit}, {limit})", **{axis: place})
+    if coarser and lod == lods - 1:
+        raise BadParameter(f"coarser is {coarser}; nothing is coarser than lod {lod} in this world", coarser=coarser)

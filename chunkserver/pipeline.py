@@ -20,7 +20,7 @@ from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.mesh import EMPTY, Content, Mesh
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
-from chunkserver.wire import Encoding, Placement, check_encodable, encode
+from chunkserver.wire import CODINGS, FORMATS, Encoding, Placement, check_encodable
 
 SEAM_OF_LEVELS: Final = "transitions"
 """The seam that fits a chunk to coarser neighbours."""
@@ -106,7 +106,7 @@ def build_chunk(request: ChunkRequest, stage: Callable[[str], object] = lambda _
     """
     mesh = build_mesh(request, stage)
     stage("encode")
-    return Chunk(mesh.content, encode(mesh, _placed(request), request.encoding))
+    return Chunk(mesh.content, _written(mesh, request))
 
 
 def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Mesh:
@@ -125,11 +125,15 @@ def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], ob
     return extract(samples, request.mesher, request.encoding.normals, skirts)
 
 
-def _placement(request: ChunkRequest) -> Placement:
-    return Placement(request.key, request.cells, request.voxel_size, request.revision, request.coarser)
+def _written(mesh: Mesh, request: ChunkRequest) -> bytes:
+    """Return what `wire.encode` does, of a request that was checked and a mesh of our own: neither is looked at again.
+
+    The first chunk of a recipe and level takes some ms more: it measures the error that all of them state.
+    """
+    encoding, error = request.encoding, geometric_error(request.recipe, request.key.lod) * request.voxel_size
+    file = FORMATS[encoding.format].encode(mesh, _placement(request, error), encoding)
+    return CODINGS[encoding.coding].apply(file)
 
 
-def _placed(request: ChunkRequest) -> Placement:
-    """Return the placement with the error that chunks of this recipe and level have: the first time that takes ms."""
-    error = geometric_error(request.recipe, request.key.lod)
-    return _placement(request)._replace(geometric_error=error * request.voxel_size)
+def _placement(request: ChunkRequest, *error: float) -> Placement:
+    return Placement(request.key, request.cells, request.voxel_size, request.revision, request.coarser, *error)

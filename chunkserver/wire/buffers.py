@@ -46,7 +46,7 @@ def check_mesh(mesh: Mesh, normals: NormalKind) -> None:
     _check_array("positions", mesh.positions, (vertices, 4), _POSITIONS)
     _check_array("normals", mesh.normals, (vertices, _NORMALS[normals][0]), _NORMALS[normals][1])
     _check_array("triangles", mesh.triangles, (triangles, 3), np.dtype(index_type(vertices)))
-    if (last := int(mesh.triangles.max())) >= vertices:
+    if (last := int(np.maximum.reduce(mesh.triangles, axis=None))) >= vertices:
         raise WireError(f"a triangle names vertex {last} of {vertices}", index=last, vertices=vertices)
 
 
@@ -64,22 +64,24 @@ def component_type(array: NDArray[Any]) -> int:
 def bounds(mesh: Mesh) -> tuple[list[int], list[int]]:
     """Return the lowest and the highest x, y, z of the positions, lattice units. The mesh is not empty."""
     found = np.empty((2, 3), np.uint16)
-    measure(mesh.positions, found)
+    measure(mesh.positions.view(np.uint64), found)
     low, high = found.tolist()
     return low, high
 
 
 @kernel
-def measure(positions: NDArray[np.uint16], found: NDArray[np.uint16]) -> None:
-    """Write the lowest and the highest x, y, z. positions: (V, 4), V > 0. found: (2, 3) out.
+def measure(positions: NDArray[np.uint64], found: NDArray[np.uint16]) -> None:
+    """Write the lowest and the highest x, y, z. positions: (V, 1), V > 0, each x, y, z, w in one. found: (2, 3) out.
 
     In one pass over whole vertices: NumPy wants one for each end, and a copy by axes, for it is slow along short rows.
+    A vertex is read as one number, so that some are worked on at a time.
     """
-    x = low_x = high_x = positions[0, 0]
-    y = low_y = high_y = positions[0, 1]
-    z = low_z = high_z = positions[0, 2]
+    most = np.uint32(65535)
+    low_x = low_y = low_z = most
+    high_x = high_y = high_z = np.uint32(0)
     for vertex in range(np.uint64(positions.shape[0])):
-        x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
+        first, second = np.uint32(positions[vertex, 0]), np.uint32(positions[vertex, 0] >> np.uint64(32))
+        x, y, z = first & most, first >> np.uint32(16), second & most
         low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
         high_x, high_y, high_z = max(high_x, x), max(high_y, y), max(high_z, z)
     found[0, 0], found[0, 1], found[0, 2] = low_x, low_y, low_z

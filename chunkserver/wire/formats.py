@@ -1,6 +1,7 @@
 """The table of formats. A new format is one file and one row here."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from chunkserver.errors import BadParameter
@@ -45,6 +46,8 @@ _ROWS: Final = (
 FORMATS: Final = {row.name: row for row in _ROWS}
 
 ENCODING_DEFAULT: Final = Encoding()
+ENCODINGS_KEPT_MAX: Final = 64
+"""Encodings that are known to be built: more than there are."""
 
 assert all(ENCODING_DEFAULT.profile in row.profiles and ENCODING_DEFAULT.frame in row.frames for row in _ROWS)
 
@@ -52,6 +55,11 @@ assert all(ENCODING_DEFAULT.profile in row.profiles and ENCODING_DEFAULT.frame i
 def check_encodable(placement: Placement, encoding: Encoding) -> None:
     """Raise `BadKey` or `BadParameter` that names the value, unless `encode` can write a mesh so, at this place."""
     check_placement(placement)
+    _check_encoding(encoding)
+
+
+@lru_cache(maxsize=ENCODINGS_KEPT_MAX)
+def _check_encoding(encoding: Encoding) -> None:
     if encoding.format not in FORMATS:
         raise BadParameter(f"format is {encoding.format!r}; built are {list(FORMATS)}", format=encoding.format)
     if encoding.coding not in CODINGS:

@@ -5,6 +5,7 @@ header, 96 bytes | block table, 16 bytes a block | positions | normals | indices
 """
 
 import struct
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -32,15 +33,11 @@ assert BLOCK.size == ALIGNMENT, "the first block starts aligned, however many th
 
 
 class Block(NamedTuple):
-    """One planar array of the file. `values` is (count, components), C order, little-endian."""
+    """One planar array of the file, C order, little-endian: `components` of its `values` in a row are one element."""
 
     kind: int
+    components: int
     values: NDArray[Any]
-
-    def entry(self, offset: int) -> bytes:
-        """Return this block's row of the block table."""
-        components, stride = self.values.shape[1], self.values.strides[0]
-        return BLOCK.pack(self.kind, component_type(self.values), components, stride, offset, self.values.nbytes)
 
 
 def encode(mesh: Mesh, placement: Placement, encoding: Encoding) -> bytes:
@@ -49,11 +46,12 @@ def encode(mesh: Mesh, placement: Placement, encoding: Encoding) -> bytes:
     offset = HEADER.size + BLOCK.size * len(blocks)
     entries: list[bytes] = []
     body: list[Any] = []
-    for block in blocks:
-        padding = -block.values.nbytes % ALIGNMENT
-        entries.append(block.entry(offset))
-        body += [block.values.data, bytes(padding)]
-        offset += block.values.nbytes + padding
+    for kind, components, values in blocks:
+        length, stride = values.nbytes, components * values.itemsize
+        entries.append(BLOCK.pack(kind, component_type(values), components, stride, offset, length))
+        padding = -length % ALIGNMENT
+        body += values.data, bytes(padding)
+        offset += length + padding
     return b"".join([_header(mesh, placement, encoding, blocks, offset), *entries, *body])
 
 
@@ -74,7 +72,7 @@ def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[B
         PROFILE_CODES[encoding.profile],
         placement.coarser,
         CONTENT_CODES[mesh.content],
-        next((block.values.itemsize for block in blocks if block.kind == INDICES), 0),
+        blocks[-1].values.itemsize if blocks else 0,
         len(blocks),
         file_bytes,
         *low,
@@ -83,21 +81,18 @@ def _header(mesh: Mesh, placement: Placement, encoding: Encoding, blocks: list[B
 
 
 def _blocks_std(mesh: Mesh, _placement: Placement) -> list[Block]:
-    return [
-        Block(POSITIONS, mesh.positions),
-        Block(NORMALS, mesh.normals),
-        Block(INDICES, mesh.triangles.reshape(-1, 1)),
-    ]
+    return [Block(POSITIONS, 4, mesh.positions), Block(NORMALS, 4, mesh.normals), Block(INDICES, 1, mesh.triangles)]
 
 
 def _blocks_f32(mesh: Mesh, placement: Placement) -> list[Block]:
     """One rounding to float32, of a float64 product that is itself exact when `voxel_size` is a power of two."""
     metres = np.subtract(mesh.positions[:, :3], POSITION_LOW, dtype=np.float64) * placement.unit
     return [
-        Block(POSITIONS, metres.astype(np.float32, order="C")),
-        Block(NORMALS, mesh.normals),
-        Block(INDICES, mesh.triangles.astype(np.uint32, copy=False).reshape(-1, 1)),
+        Block(POSITIONS, 3, metres.astype(np.float32, order="C")),
+        Block(NORMALS, 3, mesh.normals),
+        Block(INDICES, 1, mesh.triangles.astype(np.uint32, copy=False)),
     ]
 
 
-_BLOCKS: Final = {"std": _blocks_std, "f32": _blocks_f32}
+_BLOCKS: Final[dict[str, Callable[[Mesh, Placement], list[Block]]]] = {"std": _blocks_std, "f32": _blocks_f32}
+"""By profile. The indices come last."""

@@ -58,8 +58,9 @@ def test_an_empty_mesh_may_have_either_kind_of_normals(encoding: Encoding):
     assert encode(EMPTY["air"], PLACEMENT, encoding) == encode(other, PLACEMENT, encoding)
 
 
-def test_bounds():
-    mesh = strip(1000)
-    low, high = bounds(mesh)
-    assert low == [min(column) for column in mesh.positions[:, :3].T.tolist()]
-    assert high == [max(column) for column in mesh.positions[:, :3].T.tolist()]
+@pytest.mark.parametrize("count", [3, 4, 17, 1000])
+def test_bounds(count, rng):
+    positions = rng.integers(0, 1 << 16, (count, 4)).astype(np.uint16)
+    low, high = bounds(replace(strip(count), positions=positions))
+    assert low == [min(column) for column in positions[:, :3].T.tolist()]
+    assert high == [max(column) for column in positions[:, :3].T.tolist()]
