@@ -49,7 +49,7 @@ STEEPEST_STEP: Final = 1.5
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
 _Code = NDArray[np.int32]
-_Bound = tuple[np.float32, np.float32]
+_Point = tuple[float, float, float]
 
 
 class Bounds(NamedTuple):
@@ -73,10 +73,23 @@ def bounds(tape: Tape, low: _Doubles, high: _Doubles, reach: float = 0.0, any_se
     reach: how far a patch reaches from its middle along each axis, voxels.
     any_seed: bound noise by its range alone, so that the bounds hold for every seed.
     """
-    n = low.shape[1]
-    places, values = np.empty((4, tape.places, n)), np.empty((3, tape.values, n), np.float32)
+    places = np.empty((4, tape.places, low.shape[1]))
     places[0, :INPUTS], places[1, :INPUTS], places[2, :INPUTS] = low, high, reach
     places[3, :INPUTS] = 0.5 * low + 0.5 * high
+    return _bounded(tape, places, any_seed)
+
+
+def bounds_of_box(tape: Tape, low: _Point, high: _Point) -> Bounds:
+    """Bound every register of a tape, as `bounds` wants it, over one box with these corners x, y, z, voxels."""
+    places = np.empty((4, tape.places, 1))
+    middle = [0.5 * first + 0.5 * last for first, last in zip(low, high, strict=True)]
+    places[:, :INPUTS, 0] = low, high, (0.0, 0.0, 0.0), middle
+    return _bounded(tape, places, any_seed=False)
+
+
+def _bounded(tape: Tape, places: _Doubles, any_seed: bool) -> Bounds:
+    """Return the bounds over boxes whose corners, reach and middles stand in `places`, as in `bound`."""
+    n, values = places.shape[2], np.empty((3, tape.values, places.shape[2]), np.float32)
     run_at(tape, places[3:], values[2:])
     found = Bounds(np.empty(n, np.int32), values[0], values[1], np.empty((tape.values, n)))
     bound(tape.code, tape.numbers, any_seed, places, values[2], *found)

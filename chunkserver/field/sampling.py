@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.field.flatten import flatten
-from chunkserver.field.intervals import ALL_FINITE, bounds
+from chunkserver.field.intervals import ALL_FINITE, bounds_of_box
 from chunkserver.field.points import densities_at, run_box
 from chunkserver.field.skipping import WORTH, run_near_surface
 from chunkserver.grid import ChunkKey, ChunkShape, check_key, check_shape
@@ -98,11 +98,7 @@ def _prove(recipe: WorldRecipe, lod: int, first: Place, shape: tuple[int, int, i
         return "air"
     if top <= flat.ground:
         return "rock"
-    low, high = (
-        np.array(((x,), (y,), (z,)), float),
-        np.array(((x + step * (width - 1),), (top,), (z + step * (rows - 1),)), float),
-    )
-    found = bounds(flat.kept, low, high)
+    found = bounds_of_box(flat.kept, first, (x + step * (width - 1), top, z + step * (rows - 1)))
     if found.failed[0] != ALL_FINITE:  # what is finite all over the world may have wider bounds in a part of it
         return None
     if found.low[flat.kept.result, 0] >= 0:

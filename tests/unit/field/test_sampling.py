@@ -6,7 +6,9 @@ from numpy.typing import NDArray
 
 from chunkserver.errors import BadKey, BadParameter
 from chunkserver.field import densities, prove, sample
+from chunkserver.field.flatten import flatten
 from chunkserver.field.interpreter import SLAB_POINTS
+from chunkserver.field.intervals import bounds, bounds_of_box
 from chunkserver.field.noise.names import noise_name
 from chunkserver.grid import ChunkKey, ChunkShape
 from chunkserver.recipe import WorldRecipe, builtin
@@ -79,6 +81,16 @@ def test_noise_at_2_to_the_36_is_smooth_to_a_1024th_of_a_voxel(basis, name, far)
     expected = 24 * getattr(field_oracle, basis)(exact, keys, np.stack(cells, 1).astype(np.int64))
     assert np.abs(got.ravel() - expected).max() < 1 / 1024
     assert np.ptp(got) > 1, "the noise does vary over the chunk"
+
+
+@pytest.mark.parametrize("name", ["terrain", "planet"])
+def test_one_box_is_bounded_as_many_are(name):
+    tape = flatten(WorldRecipe(SEED, builtin(name)), 0).kept
+    for low, high in (((-7, 3, 50), (90, 3, 51)), ((-(2**40), -1, 5), (2**40, 2**40, 6))):
+        one = bounds_of_box(tape, low, high)
+        both = bounds(tape, *np.array([(low, low), (high, high)], float).transpose(0, 2, 1))
+        for known in one._fields:
+            assert np.array_equal(getattr(one, known)[..., 0], getattr(both, known)[..., 1])
 
 
 def test_a_world_is_its_seed():
