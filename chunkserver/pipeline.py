@@ -67,10 +67,11 @@ def _request(seed: int, source: str, key: Any, rest: Any, encoding: Any) -> Chun
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """One finished chunk: what it is made of, and its bytes in the requested encoding."""
+    """One finished chunk: what it is made of, its bytes in the requested encoding, the last edit that is in them."""
 
     content: Content
     body: bytes
+    revision: int = 0
 
 
 def generator(recipe: WorldRecipe) -> str:
@@ -106,7 +107,7 @@ def build_chunk(request: ChunkRequest, stage: Callable[[str], object] = lambda _
     """
     mesh = build_mesh(request, stage)
     stage("encode")
-    return Chunk(mesh.content, _written(mesh, request))
+    return Chunk(mesh.content, _written(mesh, request), request.revision)
 
 
 def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Mesh:

@@ -85,12 +85,14 @@ class Built(NamedTuple):
     """What a worker says of a chunk that it has built: on the pipe a plain tuple, in half the time.
 
     length: of the body, which is in the slot.
+    revision: of the last edit that is in it.
     seconds: by stage.
     grown_bytes: memory of the worker's own, beyond what it was forked with, as last measured.
     """
 
     content: Content
     length: int
+    revision: int
     seconds: dict[str, float]
     grown_bytes: int
 
@@ -232,7 +234,7 @@ def _answer(build: Callable[[_Stages], Chunk], stages: _Stages, slot: Slot, grow
         answer = _attempt(build, stages)
         if isinstance(answer, Chunk):
             slot.put(answer.body)
-            built = Built(answer.content, len(answer.body), stages.seconds(), grown_bytes)
+            built = Built(answer.content, len(answer.body), answer.revision, stages.seconds(), grown_bytes)
             return pack(tuple(built), FRAME_BYTES_MAX)
         return pack(answer, FRAME_BYTES_MAX)
     except Exception:  # noqa: BLE001 - whatever it was, it is this request's alone: the worker lives on

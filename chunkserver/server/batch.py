@@ -239,7 +239,8 @@ class _Work:
         request = item.plan.request(version)
         distance = item.distance / request.cells
         build = partial(self._service.pool.build, request, urgency=self._urgency, distance=distance)
-        building = self._building[item.number] = cache.ask(tag, build, self._urgency)
+        name = partial(item.plan.tag_shown, version)
+        building = self._building[item.number] = cache.ask(tag, build, self._urgency, name)
         building.chunk.add_done_callback(partial(self._built, item, version))
         return 0
 
@@ -258,7 +259,8 @@ class _Work:
             self._tell(item, told.status_code, body=bytes(told.body))
         self._changed.set()
 
-    def _tell_chunk(self, item: _Item, version: Version, chunk: Chunk) -> int:
+    def _tell_chunk(self, item: _Item, asked: Version, chunk: Chunk) -> int:
+        version = item.plan.shown(asked, chunk)
         status = item.plan.status(chunk)
         if status == HTTPStatus.NO_CONTENT:
             return self._tell(item, status, version, content=chunk.content)

@@ -35,12 +35,14 @@ class Kept:
 class Building:
     """A chunk on its way, the look at the disk before the build included, and how many wait for it.
 
+    name: returns the key under which what was made is to be kept.
     chunk: never cancelled while somebody waits; to be awaited through `asyncio.shield`, or asked for by a callback.
     begun: whether it is worth finishing, even if nobody waits any more.
     """
 
     key: str
     urgency: int
+    name: Callable[[Chunk], str]
     chunk: asyncio.Future[Chunk] = field(init=False)
     waiters: int = 0
     begun: bool = False
@@ -99,8 +101,13 @@ class ChunkCache:
         """Whether a chunk may be had without a build that was not begun: it is in memory, on its way, or on disk."""
         return key in self._kept or key in self._building or self.disk is not None
 
-    async def get_or_build(self, key: str, build: Build, urgency: int = URGENCY_DEFAULT) -> Chunk:
+    async def get_or_build(
+        self, key: str, build: Build, urgency: int = URGENCY_DEFAULT, name: Callable[[Chunk], str] | None = None
+    ) -> Chunk:
         """Return the chunk named `key`, reading or building it at most once however many ask.
+
+        name: returns the name of a chunk that was built; without it, that is `key`. A chunk that is edited meanwhile
+            has another name than was asked for. Nothing is kept under a name that is not its own.
 
         A caller that is cancelled does not cancel the build: see `leave`. Raises what `build` raises, to everyone who
         waits; a failure is not kept.
@@ -108,13 +115,15 @@ class ChunkCache:
         kept = self.find(key)
         if kept is not None:
             return kept
-        building = self.ask(key, build, urgency)
+        building = self.ask(key, build, urgency, name)
         try:
             return await asyncio.shield(building.chunk)
         finally:
             self.leave(building)
 
-    def ask(self, key: str, build: Build, urgency: int = URGENCY_DEFAULT) -> Building:
+    def ask(
+        self, key: str, build: Build, urgency: int = URGENCY_DEFAULT, name: Callable[[Chunk], str] | None = None
+    ) -> Building:
         """Wait for the chunk named `key`, which is not in memory; it is on its way, or is now. `leave` ends the wait.
 
         This is what `get_or_build` is made of, for who asks for many chunks and wants no task for each.
@@ -123,7 +132,7 @@ class ChunkCache:
         """
         building = self._building.get(key)
         if building is None or not (building.begun or building.urgency <= urgency):
-            building = Building(key, urgency)
+            building = Building(key, urgency, name or (lambda _: key))
             building.chunk = asyncio.ensure_future(self._fill(building, build))
             self._building[key] = building  # not before: `build` may raise at once
             building.chunk.add_done_callback(partial(self._filled, building))
@@ -159,14 +168,14 @@ class ChunkCache:
         if chunk is None:
             self.misses += 1
             chunk = await build(building.begin)
-            disk.keep(building.key, chunk)
+            disk.keep(building.name(chunk), chunk)
         return chunk
 
     def _filled(self, building: Building, chunk: asyncio.Future[Chunk]) -> None:
         """Keep what was made, before any who wait are told."""
         self._forget(building)
         if not chunk.cancelled() and chunk.exception() is None:
-            self._keep(building.key, chunk.result())
+            self._keep(building.name(chunk.result()), chunk.result())
 
     def _keep(self, key: str, chunk: Chunk) -> None:
         weight = _weight(chunk)

@@ -1,7 +1,7 @@
 """The file of the disk cache: LMDB's, of bounded size, in a folder that one server owns. Nothing else knows LMDB.
 
     folder/chunks.lock    flock; not empty while a server runs, nor after one that was killed
-           chunks-1.mdb   format 1: `chunks` by key, and `order`, their keys by when they were written
+           chunks-2.mdb   format 2: `chunks` by key, and `order`, their keys by when they were written
 
 The oldest written go first. A read then never writes, freed pages lie side by side, and what is wanted again costs one
 build in a turn of the whole file; chunks in use are in memory anyway.
@@ -32,7 +32,7 @@ from chunkserver.errors import StoreError, StoreFull
 from chunkserver.mesh import Content
 from chunkserver.pipeline import Chunk
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Raised when an older file would be read wrongly: it is emptied then."""
 FILE_NAME: Final = f"chunks-{FORMAT}.mdb"
 FILES: Final = "chunks-*.mdb*"
@@ -49,7 +49,9 @@ assert WRITE_PART * (8 - LIVE_EIGHTHS) >= 8 * 4, "room for what four transaction
 _CONTENTS: Final[tuple[Content, ...]] = ("air", "rock", "surface")
 """By their number in the file."""
 _CHECKSUM: Final = struct.Struct("<I")
-"""Begins an entry: CRC-32 of its key and of what follows, which is a byte for the content and the body."""
+"""Begins an entry: CRC-32 of its key and of what follows."""
+_HEAD: Final = struct.Struct("<BQ")
+"""Follows: content and revision. Then comes the body."""
 _SEQUENCE: Final = struct.Struct(">Q")
 """A key of `order`: its bytes sort as the numbers do."""
 _RUIN: Final = (lmdb.CorruptedError, lmdb.PageNotFoundError, lmdb.PanicError, lmdb.InvalidError)
@@ -219,13 +221,14 @@ def _fault(path: Path, bytes_max: int, *, was_killed: bool) -> str | None:
 
 
 def _packed(key: bytes, chunk: Chunk) -> bytes:
-    content = bytes((_CONTENTS.index(chunk.content),))
-    return b"".join((_CHECKSUM.pack(zlib.crc32(chunk.body, zlib.crc32(key + content))), content, chunk.body))
+    head = _HEAD.pack(_CONTENTS.index(chunk.content), chunk.revision)
+    return b"".join((_CHECKSUM.pack(zlib.crc32(chunk.body, zlib.crc32(key + head))), head, chunk.body))
 
 
 def _unpacked(key: bytes, entry: memoryview) -> Chunk:
     """Raises `TornEntry` unless this is what `_packed` made of a chunk under the same key."""
     said, rest = entry[: _CHECKSUM.size], entry[_CHECKSUM.size :]
-    if not rest or said != _CHECKSUM.pack(zlib.crc32(rest, zlib.crc32(key))):
+    if len(rest) < _HEAD.size or said != _CHECKSUM.pack(zlib.crc32(rest, zlib.crc32(key))):
         raise TornEntry
-    return Chunk(_CONTENTS[rest[0]], bytes(rest[1:]))
+    content, revision = _HEAD.unpack_from(rest)
+    return Chunk(_CONTENTS[content], bytes(rest[_HEAD.size :]), revision)

@@ -113,7 +113,9 @@ async def answer(call: Call, plan: Plan, key: ChunkKey) -> Response:
 
 
 async def reply(service: Service, plan: Plan, version: Version, known: bool, receive: Receive, urgent: int) -> Reply:
-    """Return the answer that is `version`: 304 if the client has it (`known`), else from the cache or the workers.
+    """Return the answer to who asks for `version`: 304 if the client has it (`known`), else from cache or workers.
+
+    It may be a later version, if the chunk is edited while it waits.
 
     urgent: see `Pool.build`, whose errors are raised.
     """
@@ -122,7 +124,8 @@ async def reply(service: Service, plan: Plan, version: Version, known: bool, rec
     chunk = service.cache.find(version.tag)
     if chunk is None:
         build = partial(service.pool.build, plan.request(version), urgency=urgent)
-        chunk = await while_there(receive, service.cache.get_or_build(version.tag, build, urgent))
+        name = partial(plan.tag_shown, version)
+        chunk = await while_there(receive, service.cache.get_or_build(version.tag, build, urgent, name))
     return Reply(CLIENT_LEFT, (), b"") if chunk is None else plan.found(version, chunk)
 
 

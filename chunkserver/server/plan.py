@@ -115,6 +115,16 @@ class Plan:
         revision = self.last_edit(key)
         return Version(key, revision, self.tag(key, revision))
 
+    def shown(self, asked: Version, chunk: Chunk) -> Version:
+        """Return the version that `chunk` is, built for `asked`: a later one, if it was edited meanwhile."""
+        if chunk.revision == asked.revision:
+            return asked
+        return Version(asked.key, chunk.revision, self.tag(asked.key, chunk.revision))
+
+    def tag_shown(self, asked: Version, chunk: Chunk) -> str:
+        """Return the tag of what `shown` returns."""
+        return self.shown(asked, chunk).tag
+
     def request(self, version: Version) -> ChunkRequest:
         """Return the request for a version of a chunk."""
         template = self.template
@@ -133,8 +143,9 @@ class Plan:
         empty = chunk.content != "surface" and self.template.encoding.format == WITHOUT_BODY
         return HTTPStatus.NO_CONTENT if empty else HTTPStatus.OK
 
-    def found(self, version: Version, chunk: Chunk) -> Reply:
-        """Return the answer that is `chunk`, the bytes of `version`."""
+    def found(self, asked: Version, chunk: Chunk) -> Reply:
+        """Return the answer that is `chunk`, which was found or built for `asked`."""
+        version = self.shown(asked, chunk)
         told = (*self._told(version), (b"chunk-content", chunk.content.encode()))
         if self.status(chunk) == HTTPStatus.NO_CONTENT:
             return Reply(HTTPStatus.NO_CONTENT, told, b"", version)

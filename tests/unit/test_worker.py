@@ -94,10 +94,10 @@ def served(slots):
 
 
 def test_a_worker_answers_until_its_pipe_ends(served):
-    with served(lambda request, _stage: Chunk("surface", repr(request).encode())) as ask:
+    with served(lambda request, _stage: Chunk("surface", repr(request).encode(), 7)) as ask:
         for _ in range(3):
             built, body = ask(REQUEST)
-            assert (built.content, body) == ("surface", repr(REQUEST).encode())
+            assert (built.content, body, built.revision) == ("surface", repr(REQUEST).encode(), 7)
 
 
 SIZES = (0, 1, worker.SLOT_BYTES, worker.SLOT_BYTES + 1, 20_000_000, 5, 3 << 20, 0, worker.SLOT_BYTES)

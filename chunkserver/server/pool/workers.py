@@ -164,7 +164,7 @@ class Worker(_Pipe):
         """Take the chunk, get the worker to its next job, and only then do all that it need not wait for."""
         seconds = self._tally.seconds
         seconds[BUILD].observe(time.monotonic() - self._given)
-        chunk = Chunk(built.content, self.slot.take(built.length))
+        chunk = Chunk(built.content, self.slot.take(built.length), built.revision)
         self.grown_bytes = built.grown_bytes
         self._be_idle()
         self._tally.done += 1

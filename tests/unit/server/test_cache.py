@@ -240,3 +240,13 @@ def test_a_less_urgent_build_is_not_joined_before_it_has_begun():
         assert (cache.entries, cache.bytes) == (1, room_for(1))
 
     asyncio.run(scenario())
+
+
+def test_what_has_gone_on_meanwhile_is_kept_under_its_own_name():
+    async def scenario():
+        cache, oven = ChunkCache(room_for(2)), Oven()
+        made = await cache.get_or_build("r1", oven.build, name=lambda chunk: f"r{2 if chunk.body else 0}")
+        assert cache.find("r1") is None
+        assert cache.find("r2") is made
+
+    asyncio.run(scenario())

@@ -21,7 +21,7 @@ def key(number):
 
 
 def surface(size=1000):
-    return Chunk("surface", os.urandom(size))
+    return Chunk("surface", os.urandom(size), size << 40)
 
 
 def names(folder):
@@ -231,7 +231,7 @@ def test_a_file_of_another_version_is_replaced(tmp_path, caplog):
     for name in ("chunks-0.mdb", "chunks-0.mdb-lock", "mine.txt"):
         (tmp_path / name).write_text("old")
     starts_empty(tmp_path, caplog, "chunks-0.mdb is of another version")
-    assert names(tmp_path) == ["chunks-1.mdb", "chunks-1.mdb-lock", "chunks.lock", "mine.txt"]
+    assert names(tmp_path) == ["chunks-2.mdb", "chunks-2.mdb-lock", "chunks.lock", "mine.txt"]
 
 
 def test_a_file_beyond_the_bound_is_replaced(tmp_path, caplog):

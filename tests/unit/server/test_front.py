@@ -230,6 +230,22 @@ def test_a_world_that_went_on_or_away_is_answered_anew():
     in_service(scenario)
 
 
+def test_a_chunk_that_is_edited_while_it_is_built_is_answered_as_what_it_is():
+    async def scenario(service):
+        path, pool = f"{WORLD}/0/0", service.shared.pool
+        first = await service.get(path)
+        pool.chunk = Chunk("surface", b"later", 3)
+        service.shared.cache._kept.clear()
+        for _ in range(2):
+            later = await service.get(path)
+            assert (dict(later[1])[b"chunk-revision"], later[2]) == (b"3", b"later")
+            assert tag_of(later) != tag_of(first)
+            assert service.shared.cache.find(tag_of(first).strip('"')) is None
+        assert (await service.get(path, condition=[tag_of(first)]))[0] == 304
+
+    in_service(scenario, StubPool())
+
+
 def test_chunks_beside_one_that_was_answered_do_not_get_behind_the_front():
     async def scenario(service):
         for place in ("/v1/seeds/42/chunks", "/v1/worlds/w/chunks"):

@@ -60,7 +60,7 @@ def test_an_edit_changes_the_headers_of_its_chunks_alone():
     plan = plan_of(last_edit=last_edit)
     for key, revision in ((ChunkKey(0, 0, 0, 0), b"0"), (ChunkKey(0, 0, 1, 0), b"7")):
         version = plan.current(key)
-        for reply in (plan.not_modified(version), plan.found(version, Chunk("surface", b"x"))):
+        for reply in (plan.not_modified(version), plan.found(version, Chunk("surface", b"x", version.revision))):
             assert dict(reply.headers)[b"chunk-revision"] == revision
             assert dict(reply.headers)[b"etag"] == b'"%b"' % version.tag.encode()
             assert reply.version == version
@@ -72,3 +72,14 @@ def test_a_key_outside_is_refused():
     for key in (ChunkKey(5, 0, 0, 0), ChunkKey(0, 1 << 36, 0, 0)):
         with pytest.raises(BadKey):
             plan.check(key)
+
+
+def test_a_chunk_that_was_edited_while_it_was_built_is_answered_as_what_it_is():
+    plan = plan_of(last_edit=last_edit)
+    asked = plan.current(ChunkKey(0, 0, 1, 0))
+    later = asked._replace(revision=9, tag=etag(plan.request(asked._replace(revision=9))))
+    assert plan.shown(asked, Chunk("surface", b"x", 7)) is asked
+    assert plan.tag_shown(asked, Chunk("surface", b"x", 9)) == later.tag
+    reply = plan.found(asked, Chunk("surface", b"x", 9))
+    assert reply.version == later
+    assert dict(reply.headers)[b"chunk-revision"] == b"9"
