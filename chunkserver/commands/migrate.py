@@ -5,9 +5,9 @@ from typing import Annotated, Final
 
 import typer
 
-from chunkserver.catalogue import migrate
 from chunkserver.pipeline import generator
 from chunkserver.server import Settings, with_settings
+from chunkserver.store import migrate
 
 app: Final = typer.Typer(add_completion=False, rich_markup_mode=None)
 

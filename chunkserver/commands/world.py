@@ -8,7 +8,6 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from chunkserver.catalogue import FILE_NAME, LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, Catalogue, World
 from chunkserver.commands.given import RecipeOption, SeedOption, recipe_of
 from chunkserver.commands.saying import end, say_json, say_table
 from chunkserver.commands.warm import make_ready
@@ -18,6 +17,8 @@ from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.pipeline import ChunkRequest, check_request, generator
 from chunkserver.recipe import RECIPE_DEFAULT, WorldRecipe
 from chunkserver.server import Settings, with_settings
+from chunkserver.store import Catalogue, Store
+from chunkserver.world import LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, World
 
 app: Final = typer.Typer(
     no_args_is_help=True, add_completion=False, rich_markup_mode=None, help="The worlds that a folder keeps."
@@ -124,15 +125,13 @@ def _opened(settings: Settings, new: bool = False) -> Iterator[Catalogue]:
     """Open the folder that is chosen, alone. Raises `StoreError`: it says what to do if a server runs on it."""
     if settings.data is None:
         raise BadParameter("where the worlds are kept is needed: --data DIR")
-    with closing(_catalogue(settings.data, new)) as catalogue:
-        yield catalogue
+    with closing(_store(settings.data, new)) as store:
+        yield store.catalogue
 
 
-def _catalogue(folder: Path, new: bool) -> Catalogue:
-    if not new and not (folder / FILE_NAME).exists():
-        raise StoreError(f"{folder} holds no worlds: there is no {FILE_NAME} in it", folder=str(folder))
+def _store(folder: Path, new: bool) -> Store:
     try:
-        return Catalogue(folder)
+        return Store(folder) if new else Store.existing(folder)
     except StoreError as error:
         if isinstance(error.__cause__, BlockingIOError):
             end(f"{error.message}. Stop it, or ask it: its worlds are at /v1/worlds, over HTTP")

@@ -11,7 +11,6 @@ from starlette.types import ASGIApp, Receive, Send
 from starlette.types import Scope as Asked
 
 from chunkserver import __version__
-from chunkserver.catalogue import Catalogue
 from chunkserver.errors import ChunkError
 from chunkserver.server import batch, health, landing, metrics, openapi, problems, recipes, seeds, world_chunks, worlds
 from chunkserver.server.access import Access, check_exposure
@@ -29,6 +28,7 @@ from chunkserver.server.request_log import RequestLog
 from chunkserver.server.service import Builder, Service
 from chunkserver.server.settings import Settings
 from chunkserver.server.store import WorldStore
+from chunkserver.store import Store
 
 DESCRIPTION = "Marching-cubes terrain: a seed and a coordinate in, a mesh out. Positions are in voxels, y is up."
 
@@ -67,11 +67,11 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         lifespan=_lifespan,
     )
     cors = Cors(settings.cors_origins)
-    catalogue = Catalogue(settings.data)
+    store = Store(settings.data)
     try:
         disk = DiskCache(settings.disk_cache, settings.disk_cache_bytes) if settings.disk_cache else None
     except ChunkError:
-        catalogue.close()
+        store.close()
         raise
     cache = ChunkCache(settings.cache_bytes, disk)
     pool = pool or Pool(settings.workers, settings.pool_limits)
@@ -80,7 +80,7 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         cache,
         Answers(cache, cors),
         PostedRecipes(),
-        WorldStore(catalogue, settings.answer_seconds),
+        WorldStore(store, settings.answer_seconds),
         GeometricErrors(pool),
         Connections(settings.connection_limits),
     )

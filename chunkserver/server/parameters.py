@@ -10,7 +10,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, W
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
-from chunkserver.catalogue import ID_PATTERN
 from chunkserver.errors import BadParameter
 from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LATTICE_MAX, LOD_MAX, MASK_MAX, ChunkKey
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS
@@ -18,6 +17,7 @@ from chunkserver.pipeline import SEAM_DEFAULT, SEAMS_BUILT, ChunkRequest, check_
 from chunkserver.recipe import BUILTINS, RECIPE_DEFAULT, WorldRecipe
 from chunkserver.server.posted import DIGEST_PATTERN, PostedRecipes, source_of
 from chunkserver.wire import FORMATS, Encoding
+from chunkserver.world import ID_PATTERN
 
 DECIMAL: Final = "0|-?[1-9][0-9]{0,18}"
 """The one way to write a 64-bit integer, so that a resource has one URL: no plus sign, leading zero or minus zero."""

@@ -5,25 +5,27 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from chunkserver.catalogue import Catalogue, World
 from chunkserver.errors import DeadlinePassed
 from chunkserver.pipeline import generator
 from chunkserver.server.problems import OtherGenerator, UnknownWorld
+from chunkserver.store import Store
+from chunkserver.world import World
 
 _Written = TypeVar("_Written")
 
 
 class WorldStore:
-    """The worlds of one server. Belongs to the event loop; closes the catalogue that it is given.
+    """The worlds of one server. Belongs to the event loop; closes the store that it is given.
 
     durable: whether they outlive the server.
     answer_seconds: how long `at_revision` waits at most.
     """
 
-    def __init__(self, catalogue: Catalogue, answer_seconds: float) -> None:
-        self.durable = catalogue.folder is not None
+    def __init__(self, store: Store, answer_seconds: float) -> None:
+        self.durable = store.folder is not None
         self.answer_seconds = answer_seconds
-        self._catalogue = catalogue
+        self._store = store
+        self._catalogue = store.catalogue
         self._writer = ThreadPoolExecutor(1, "catalogue")
         self._changed = asyncio.Condition()
 
@@ -79,7 +81,7 @@ class WorldStore:
     async def close(self) -> None:
         """Finish what is being written, and give the folder back."""
         await asyncio.to_thread(self._writer.shutdown)
-        self._catalogue.close()
+        self._store.close()
 
     async def _write(self, change: Callable[[], _Written]) -> _Written:
         written = await asyncio.get_running_loop().run_in_executor(self._writer, change)

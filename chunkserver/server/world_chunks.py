@@ -5,7 +5,6 @@ from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Query, Response
 
-from chunkserver.catalogue import World
 from chunkserver.grid import ChunkKey, check_key
 from chunkserver.pipeline import ChunkRequest
 from chunkserver.server.chunks import (
@@ -39,6 +38,7 @@ from chunkserver.server.problems import OldEpoch, OtherGenerator, UnknownRevisio
 from chunkserver.server.store import WorldStore
 from chunkserver.server.worlds import REVISION_PATTERN, WORLD
 from chunkserver.wire import FORMATS, Encoding
+from chunkserver.world import World
 
 CHUNK: Final = f"{WORLD}/chunks/{{lod}}/{{x}}/{{y}}/{{z}}"
 

@@ -10,7 +10,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, W
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
-from chunkserver.catalogue import ID_PATTERN, LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, World
 from chunkserver.errors import BadParameter, BadRecipe, StoreFull
 from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LOD_MAX
 from chunkserver.pipeline import ChunkRequest, check_request, generator
@@ -34,6 +33,7 @@ from chunkserver.server.recipes import BODY_BYTES_MAX as RECIPE_BYTES_MAX
 from chunkserver.server.recipes import FIRST_CHUNK, WRITTEN, accept
 from chunkserver.server.service import Service, ServiceOfApp
 from chunkserver.server.store import check_generator_of
+from chunkserver.world import ID_PATTERN, LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, World
 
 BODY_BYTES_MAX: Final = RECIPE_BYTES_MAX + (1 << 12)
 """Of a POST: the largest recipe, and what stands around it."""

@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from chunkserver.catalogue import LODS_DEFAULT, SOURCES_BYTES_MAX, WORLDS_MAX
 from chunkserver.grid import CELLS_BUILT, CELLS_DEFAULT, LOD_MAX
 from chunkserver.recipe import BUILTINS
 from chunkserver.server import Settings, create_app
 from chunkserver.server.problems import PROBLEMS, TYPE_PREFIX
 from chunkserver.server.worlds import BODY_BYTES_MAX, PAGE_DEFAULT, PAGE_MAX, NewWorld
+from chunkserver.store.catalogue import SOURCES_BYTES_MAX
 from chunkserver.wire import FORMATS
+from chunkserver.world import LODS_DEFAULT, WORLDS_MAX
 
 PAGE = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
 NAMED = set(re.findall(r"`([^`\n]+)`", PAGE))

@@ -10,10 +10,11 @@ import apsw
 import httpx2
 import pytest
 
-from chunkserver.catalogue import FILE_NAME, FORMAT, LOCK_NAME
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import ChunkRequest, build_chunk
 from chunkserver.recipe import WorldRecipe, builtin, canonical
+from chunkserver.store.schema import FORMAT
+from chunkserver.store.sqlite import FILE_NAME, LOCK_NAME
 from chunkserver.wire import Encoding
 from tests.fault.pools import children
 from tests.serving import SERVE, serving

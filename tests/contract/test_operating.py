@@ -20,7 +20,6 @@ from typer.testing import CliRunner
 
 from chunkserver import worker
 from chunkserver.__main__ import app
-from chunkserver.catalogue import Catalogue, World
 from chunkserver.pipeline import generator
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server import Settings, create_app, log_format
@@ -32,7 +31,9 @@ from chunkserver.server.protocol import GAVE_WAY, Wait
 from chunkserver.server.request_log import LINES_AT_ONCE_MAX, LINES_PER_SECOND_MAX
 from chunkserver.server.run import DESCRIPTORS_BESIDE, GRACE_SECONDS
 from chunkserver.server.sources import CONFIG, flag, variable
+from chunkserver.store import Store
 from chunkserver.worker import Warmth
+from chunkserver.world import World
 from tests.serving import serving
 
 ROOT = Path(__file__).parents[2]
@@ -217,9 +218,9 @@ def test_the_files_of_docker():
 def folder(tmp_path):
     """A folder of worlds, one of which another generator has made."""
     recipe = WorldRecipe(42, builtin("terrain"))
-    with closing(Catalogue(tmp_path / "worlds")) as kept:
+    with closing(Store(tmp_path / "worlds")) as kept:
         for name, token in (("my-world", "0123"), ("other", generator(recipe))):
-            kept.create(World(id=name, recipe=recipe, recipe_name="terrain", generator=token))
+            kept.catalogue.create(World(id=name, recipe=recipe, recipe_name="terrain", generator=token))
     return tmp_path / "worlds"
 
 
@@ -244,13 +245,13 @@ def test_what_is_typed_works(folder, tmp_path, monkeypatch):
         assert said or line.startswith("python"), line
         if " migrate " in line and "my-world" in line:
             assert "my-world: from generator 0123" in said
-    with closing(Catalogue(tmp_path)) as empty:
-        assert len(empty) == 0
+    with closing(Store(tmp_path)) as empty:
+        assert len(empty.catalogue) == 0
     (tmp_path / "backup.sqlite").rename(tmp_path / "worlds.sqlite")
     for suffix in ("-wal", "-shm"):
         (tmp_path / f"worlds.sqlite{suffix}").unlink(missing_ok=True)
-    with closing(Catalogue(tmp_path)) as restored:
-        assert [world.id for world in restored.page("", 9)] == ["my-world", "other"]
+    with closing(Store(tmp_path)) as restored:
+        assert [world.id for world in restored.catalogue.page("", 9)] == ["my-world", "other"]
 
 
 def test_what_is_served(folder, tmp_path):

@@ -2,9 +2,11 @@ from contextlib import closing
 
 import pytest
 
-from chunkserver.catalogue import FILE_NAME, Catalogue, World
 from chunkserver.pipeline import generator
 from chunkserver.recipe import WorldRecipe, builtin
+from chunkserver.store import Store
+from chunkserver.store.sqlite import FILE_NAME
+from chunkserver.world import World
 from tests.unit.commands.typed import run
 
 FOLDER = "folder"
@@ -14,15 +16,15 @@ FOLDER = "folder"
 def old(tmp_path):
     """A folder with two worlds of another generator, and one of this server's."""
     recipe = WorldRecipe(42, builtin("terrain"))
-    with closing(Catalogue(tmp_path / FOLDER)) as kept:
+    with closing(Store(tmp_path / FOLDER)) as kept:
         for name, token in (("a", "0123"), ("b", "4567"), ("c", generator(recipe))):
-            kept.create(World(id=name, recipe=recipe, recipe_name="terrain", generator=token))
+            kept.catalogue.create(World(id=name, recipe=recipe, recipe_name="terrain", generator=token))
     return tmp_path / FOLDER
 
 
 def generators(folder):
-    with closing(Catalogue(folder)) as kept:
-        return {world.id: world.generator for world in kept.page("", 9)}
+    with closing(Store(folder)) as kept:
+        return {world.id: world.generator for world in kept.catalogue.page("", 9)}
 
 
 def test_migrate_says_what_it_moved(old):
@@ -38,7 +40,7 @@ def test_migrate_says_what_it_moved(old):
 
 
 def test_migrate_is_refused_while_a_server_runs(old):
-    with closing(Catalogue(old)):
+    with closing(Store(old)):
         ended = run("migrate", "--data", str(old), "--all")
     assert (ended.exit_code, ended.stderr) == (1, f"{old} is in use: another server runs on it\n")
     assert generators(old)["a"] == "0123"

@@ -3,10 +3,12 @@ from contextlib import closing
 
 import pytest
 
-from chunkserver.catalogue import FILE_NAME, Catalogue, World
 from chunkserver.commands import world as command
 from chunkserver.pipeline import generator
 from chunkserver.recipe import WorldRecipe, builtin, canonical
+from chunkserver.store import Store
+from chunkserver.store.sqlite import FILE_NAME
+from chunkserver.world import World
 from tests.unit.commands.typed import refused, run
 
 
@@ -16,8 +18,8 @@ def folder(tmp_path):
 
 
 def kept(folder):
-    with closing(Catalogue(folder)) as catalogue:
-        return {world.id: world for world in catalogue.page("", 9)}
+    with closing(Store(folder)) as store:
+        return {world.id: world for world in store.catalogue.page("", 9)}
 
 
 def test_a_world_is_created_listed_shown_and_deleted(folder, tmp_path):
@@ -53,8 +55,8 @@ def test_a_world_is_created_listed_shown_and_deleted(folder, tmp_path):
 
 def test_what_another_version_has_made_is_told(folder):
     recipe = WorldRecipe(0, builtin("plane"))
-    with closing(Catalogue(folder)) as catalogue:
-        catalogue.create(World(id="old", recipe=recipe, recipe_name="plane", generator="0123"))
+    with closing(Store(folder)) as store:
+        store.catalogue.create(World(id="old", recipe=recipe, recipe_name="plane", generator="0123"))
     shown = json.loads(run("world", "show", "old", "--data", folder, "--json").stdout)
     assert (shown["generator"], shown["generator_is_current"]) == ("0123", False)
     assert generator(recipe) != "0123"
@@ -89,7 +91,7 @@ ALL = [("list",), ("show", "a"), ("delete", "a", "--yes"), ("create", "b")]
 @pytest.mark.parametrize("arguments", ALL)
 def test_while_a_server_runs_http_is_the_way(folder, arguments):
     run("world", "create", "a", "--data", folder)
-    with closing(Catalogue(folder)):
+    with closing(Store(folder)):
         said = refused(1, "world", *arguments, "--data", folder)
     assert said.startswith(f"{folder} is in use: another server runs on it")
     assert "/v1/worlds" in said

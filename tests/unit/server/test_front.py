@@ -4,13 +4,13 @@ from typing import Any, cast
 
 import pytest
 
-from chunkserver.catalogue import World
 from chunkserver.errors import Overloaded
 from chunkserver.pipeline import Chunk, generator
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server import Settings
 from chunkserver.server.cache import ENTRY_BYTES as ENTRY_BYTES_OF_CHUNK
 from chunkserver.server.front import Front
+from chunkserver.world import World
 from tests.unit.server.stub import StubPool, app_of
 
 SEED, WORLD = "/v1/seeds/42/chunks/0/0", "/v1/worlds/w/chunks/0/0"

@@ -4,7 +4,6 @@ import threading
 
 import pytest
 
-from chunkserver.catalogue import World
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe, builtin
@@ -14,6 +13,7 @@ from chunkserver.server.plan import VARY
 from chunkserver.server.problems import UnknownRevision
 from chunkserver.server.world_chunks import revision_headers
 from chunkserver.wire import Encoding
+from chunkserver.world import World
 from tests.unit.server.stub import StubPool, client_of
 
 URL = "/v1/worlds/w/chunks/3/1/-2/5"

@@ -4,13 +4,14 @@ import shutil
 import apsw
 import pytest
 
-from chunkserver import catalogue
-from chunkserver.catalogue import FILE_NAME, LODS_DEFAULT
 from chunkserver.errors import Overloaded
 from chunkserver.pipeline import generator
 from chunkserver.recipe import WorldRecipe, builtin, canonical
 from chunkserver.server.recipes import FIRST_CHUNK
 from chunkserver.server.worlds import BODY_BYTES_MAX, PAGE_DEFAULT, PAGE_MAX
+from chunkserver.store import catalogue
+from chunkserver.store.sqlite import FILE_NAME
+from chunkserver.world import LODS_DEFAULT
 from tests.unit.server.stub import StubPool, client_of
 
 NEW = {"id": "w", "seed": 42, "recipe": "hills"}
@@ -286,7 +287,7 @@ def test_there_is_no_room(client, monkeypatch):
 def test_a_failure_of_the_disk_tells_no_path(tmp_path, caplog):
     with client_of(StubPool(), tmp_path / "worlds") as client:
         service = client.app.state.service  # type: ignore[attr-defined]
-        service.worlds._catalogue._connection.execute("PRAGMA query_only = 1")
+        service.worlds._store._database._writer.pragma("query_only", True)
         answer = client.post("/v1/worlds", json=NEW)
         assert (answer.status_code, answer.json()["type"]) == (500, "urn:chunkserver:problem:internal")
         assert str(tmp_path) not in answer.text

@@ -1,0 +1,7 @@
+"""What must last: the one package that knows SQLite. `Store` opens a folder; all else hangs on it."""
+
+from chunkserver.store.catalogue import Catalogue
+from chunkserver.store.folder import Store
+from chunkserver.store.migration import migrate
+
+__all__ = ["Catalogue", "Store", "migrate"]
