@@ -19,9 +19,9 @@ Policy, argued once:
   new digest is a new folder, so nothing stale can be found. Recipes are left out of it: they are what kernels run, not
   what they are made of (`tests/house/test_kernels.py`), so a new built-in compiles nothing.
 
-Three instructions are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons
-at once, `prefetch`, and `choose`. They are plain code of its intermediate language, so any processor has them, and are
-Python functions where nothing is compiled.
+Four things are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons at
+once, `prefetch`, `choose`, and `uncounted`. They are plain code of its intermediate language, so any processor has
+them, and are Python functions where nothing is compiled.
 
 `SOURCES_DIGEST` covers every source that the bytes of a chunk depend on, and is part of the generator version. The CPU
 is not part of it: the bits are the same on all of them.
@@ -87,6 +87,7 @@ _INLINED: Final[dict[str, Any]] = {**_POLICY, "forceinline": True, "no_cpython_w
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Number = TypeVar("_Number")
+_Array = TypeVar("_Array", bound=NDArray[Any])
 
 
 def kernel(function: _Function) -> _Function:
@@ -169,6 +170,26 @@ prefetch: Final[Callable[[NDArray[np.float32], np.uint64], None]] = (
 )
 
 
+def _uncounted(array: _Array) -> _Array:
+    """Return the same array, whose users are not counted: for a kernel's arguments, which its caller holds anyway.
+
+    Numba counts every view and every array handed on, by instructions that lock memory: 30 ns a call of a kernel.
+    """
+    return array
+
+
+def _without_count(_typing: Any, array: Any) -> Any:
+    """Return the signature of `uncounted` and what writes it in the compiler's intermediate language."""
+
+    def write(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[Any]) -> Any:
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        view.meminfo = ir.Constant(view.meminfo.type, None)
+        view.parent = ir.Constant(view.parent.type, None)
+        return view._getvalue()
+
+    return array(array), write
+
+
 def choose(flag: Any, yes: _Number, no: _Number) -> _Number:
     """Return `yes if flag else no`, for two numbers of one type that are there anyway.
 
@@ -182,6 +203,10 @@ def _choose_in_kernels(_context: Any, flag: Any, yes: Any, no: Any) -> Any:  # n
     """Type `choose` as (bool, T, T) -> T, and make one instruction of it."""
     return yes(flag, yes, yes), lambda _, builder, __, arguments: builder.select(*arguments)
 
+
+uncounted: Final[Callable[[_Array], _Array]] = (
+    cast(Any, numba.extending.intrinsic(_without_count)) if _IS_COMPILED else _uncounted
+)
 
 if _IS_COMPILED:
     choose = numba.extending.intrinsic(_choose_in_kernels)  # type: ignore[assignment]

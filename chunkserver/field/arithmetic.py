@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.field import ops
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import inlined, kernel, spliced
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
@@ -14,61 +14,120 @@ ONE = np.float32(1)
 
 
 @kernel
-def combine(op: int, a: _Floats, b: _Floats, c: _Floats, x: _Doubles, numbers: _Doubles, out: _Floats) -> None:
-    """Write the value that instruction `op` makes of values a, b, c (n,) and coordinate x (n,)."""
-    if op == ops.CONSTANT:
-        out[:] = np.float32(numbers[0])
-    elif op == ops.COORDINATE:
-        for i in range(out.size):
-            out[i] = np.float32(x[i])
-    elif op == ops.HEIGHT:
-        for i in range(out.size):
-            out[i] = np.float32(x[i] - np.float64(a[i]))
-    elif op == ops.REMAP:
-        _remap(a, numbers, out)
+def combine(
+    code: NDArray[np.int32], at: int, n: int, in_planes: bool, numbers: _Doubles, places: _Doubles, values: _Floats
+) -> None:
+    """Run instruction `at` of a tape, one that makes a value of values, for the first n points.
+
+    in_planes: whether all of them have the y of the first. places: (coordinate registers, slab), values: (value
+    registers, slab). They are handed on whole: a view of each register takes longer than a pass over some rows.
+    """
+    op, count, number = code[at, ops.CODE], np.uint64(n), code[at, ops.NUMBERS]
+    out, a, b = np.uint64(code[at, ops.OUT]), np.uint64(code[at, ops.A]), np.uint64(code[at, ops.B])
+    n0, n1, n2 = np.float32(numbers[number]), np.float32(numbers[number + 1]), np.float32(numbers[number + 2])
+    if op <= ops.ABOVE:
+        x = np.uint64(code[at, ops.X])
+        if in_planes and x == ops.LEVEL:
+            _of_level(op, places[x, 0], a, out, count, values)
+        else:
+            _of_coordinate(op, a, x, out, count, places, values)
     elif op <= ops.MAX:
-        _two(op, a, b, out)
+        _two(op, a, b, out, count, values)
+    elif op == ops.REMAP:
+        _remap(a, out, count, numbers[number:], values)
     else:
-        _shaped(op, a, b, c, numbers, out)
+        _shaped(op, a, b, np.uint64(code[at, ops.C]), out, count, n0, n1, n2, values)
 
 
-@kernel
-def _two(op: int, a: _Floats, b: _Floats, out: _Floats) -> None:
+@spliced
+def _of_coordinate(
+    op: int, a: np.uint64, x: np.uint64, out: np.uint64, count: np.uint64, places: _Doubles, values: _Floats
+) -> None:
+    if op == ops.COORDINATE:
+        for i in range(count):
+            values[out, i] = np.float32(places[x, i])
+    elif op == ops.HEIGHT:
+        for i in range(count):
+            values[out, i] = np.float32(places[x, i] - np.float64(values[a, i]))
+    else:
+        for i in range(count):
+            values[out, i] = np.float32(places[x, i]) - values[a, i]
+
+
+@spliced
+def _of_level(op: int, y: float, a: np.uint64, out: np.uint64, count: np.uint64, values: _Floats) -> None:
+    """Write what `_of_coordinate` would, where the coordinate is y at every point."""
+    level = np.float32(y)
+    if op == ops.COORDINATE:
+        for i in range(count):
+            values[out, i] = level
+    elif op == ops.HEIGHT:
+        for i in range(count):
+            values[out, i] = np.float32(y - np.float64(values[a, i]))
+    else:
+        for i in range(count):
+            values[out, i] = level - values[a, i]
+
+
+@spliced
+def _two(op: int, a: np.uint64, b: np.uint64, out: np.uint64, count: np.uint64, values: _Floats) -> None:
     if op == ops.ADD:
-        for i in range(out.size):
-            out[i] = a[i] + b[i]
+        for i in range(count):
+            values[out, i] = values[a, i] + values[b, i]
     elif op == ops.SUBTRACT:
-        for i in range(out.size):
-            out[i] = a[i] - b[i]
+        for i in range(count):
+            values[out, i] = values[a, i] - values[b, i]
     elif op == ops.MULTIPLY:
-        for i in range(out.size):
-            out[i] = a[i] * b[i]
+        for i in range(count):
+            values[out, i] = values[a, i] * values[b, i]
     elif op == ops.MIN:
-        for i in range(out.size):
-            out[i] = a[i] if a[i] < b[i] else b[i]
+        for i in range(count):
+            values[out, i] = values[a, i] if values[a, i] < values[b, i] else values[b, i]
     else:
-        for i in range(out.size):
-            out[i] = a[i] if a[i] > b[i] else b[i]
+        for i in range(count):
+            values[out, i] = values[a, i] if values[a, i] > values[b, i] else values[b, i]
 
 
-@kernel
-def _shaped(op: int, a: _Floats, b: _Floats, c: _Floats, numbers: _Doubles, out: _Floats) -> None:
-    n0, n1, n2 = np.float32(numbers[0]), np.float32(numbers[1]), np.float32(numbers[2])
-    if op == ops.ABS:
-        for i in range(out.size):
-            out[i] = abs(a[i])
+@spliced
+def _shaped(
+    op: int,
+    a: np.uint64,
+    b: np.uint64,
+    c: np.uint64,
+    out: np.uint64,
+    count: np.uint64,
+    n0: np.float32,
+    n1: np.float32,
+    n2: np.float32,
+    values: _Floats,
+) -> None:
+    if op == ops.CONSTANT:
+        for i in range(count):
+            values[out, i] = n0
+    elif op == ops.LINEAR:
+        for i in range(count):
+            values[out, i] = linear(values[a, i], n0, n1, n2)
+    elif op == ops.ABS:
+        for i in range(count):
+            values[out, i] = abs(values[a, i])
     elif op == ops.FOLD:
-        for i in range(out.size):
-            out[i] = fold(a[i], b[i], n0, n1)
+        for i in range(count):
+            values[out, i] = fold(values[a, i], values[b, i], n0, n1)
     elif op == ops.SMOOTH_MIN:
-        for i in range(out.size):
-            out[i] = smooth_min(a[i], b[i], n0, n1)
+        for i in range(count):
+            values[out, i] = smooth_min(values[a, i], values[b, i], n0, n1)
     elif op == ops.SMOOTH_MAX:
-        for i in range(out.size):
-            out[i] = -smooth_min(-a[i], -b[i], n0, n1)
+        for i in range(count):
+            values[out, i] = -smooth_min(-values[a, i], -values[b, i], n0, n1)
     else:
-        for i in range(out.size):
-            out[i] = select(a[i], b[i], c[i], n0, n1, n2)
+        for i in range(count):
+            values[out, i] = select(values[a, i], values[b, i], values[c, i], n0, n1, n2)
+
+
+@inlined
+def linear(a: np.float32, first: np.float32, factor: np.float32, last: np.float32) -> np.float32:
+    """Return ((a + first) * factor) + last."""
+    return np.float32(np.float32(np.float32(a + first) * factor) + last)
 
 
 @inlined
@@ -104,15 +163,17 @@ def _share(t: np.float32) -> np.float32:
     return t if t < ONE else ONE
 
 
-@kernel
-def _remap(a: _Floats, numbers: _Doubles, out: _Floats) -> None:
+@spliced
+def _remap(a: np.uint64, out: np.uint64, count: np.uint64, numbers: _Doubles, values: _Floats) -> None:
     """Write the first knot's value, plus each piece's rise by how far along it the argument is."""
-    out[:] = np.float32(numbers[2])
+    first = np.float32(numbers[2])
+    for i in range(count):
+        values[out, i] = first
     for knot in range(np.int64(numbers[0]) - 1):
         at = 1 + ops.KNOT_NUMBERS * knot
         start, rise, scale = np.float32(numbers[at]), np.float32(numbers[at + 2]), np.float32(numbers[at + 3])
-        for i in range(out.size):
-            out[i] = piece(out[i], a[i], start, rise, scale)
+        for i in range(count):
+            values[out, i] = piece(values[out, i], values[a, i], start, rise, scale)
 
 
 @inlined

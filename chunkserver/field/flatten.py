@@ -12,6 +12,7 @@ import numpy as np
 
 from chunkserver.errors import BadRecipe
 from chunkserver.field import ops
+from chunkserver.field.fusing import fused
 from chunkserver.field.intervals import ALL_FINITE, Bounds, bounds
 from chunkserver.field.noise.names import noise_name
 from chunkserver.field.octaves import write_cellular, write_noise, write_sum
@@ -60,10 +61,11 @@ def flatten(recipe: WorldRecipe, lod: int) -> Flat:
     if found.failed[0] != ALL_FINITE:
         path = writer.paths[kept.order[found.failed[0]]]
         raise BadRecipe.at(path, "its value, or its point, is not finite all over the world")
-    if lod > 0 and (shown := visible(writer, _by_place(writer, kept, found), root)) != root:
-        root = shown
-        kept = allocate(writer.steps, root, keep=True)
-    return Flat(allocate(writer.steps, root), kept, _cost(kept), _edge(kept, 1), -_edge(kept, -1))
+    if lod > 0:
+        root = visible(writer, _by_place(writer, kept, found), root)
+    steps = fused(writer.steps)
+    kept = allocate(steps, root, keep=True)
+    return Flat(allocate(steps, root), kept, _cost(kept), _edge(kept, 1), -_edge(kept, -1))
 
 
 def _cost(tape: Tape) -> float:

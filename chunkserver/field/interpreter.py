@@ -23,11 +23,12 @@ from chunkserver.field.arithmetic import combine
 from chunkserver.field.coordinates import move
 from chunkserver.field.noise.blended import add_blended
 from chunkserver.field.noise.cellular import add_cellular2, add_cellular3
+from chunkserver.field.noise.lattice import BLOCK, ROW_LEAST
 from chunkserver.field.noise.simplex2 import add_simplex2
 from chunkserver.field.noise.simplex3 import add_simplex3
 from chunkserver.field.noise.white import white
 from chunkserver.field.shapes import distances
-from chunkserver.kernel import kernel, spliced
+from chunkserver.kernel import kernel, spliced, uncounted
 
 SLAB_POINTS: Final = 1280
 """5 KB a value register, 10 KB a coordinate register. A plane of 32 cells, apron included, is one slab."""
@@ -92,8 +93,12 @@ def run(
         list their rows. fractions, words: scratch too, as `noise.lattice.scratch` makes them.
     density: (planes, rows * points along x) out, a horizontal plane each, y upwards, z slow and x fast.
     """
+    code, numbers, keys, listed = uncounted(code), uncounted(numbers), uncounted(keys), uncounted(listed)
+    places, values, density = uncounted(places), uncounted(values), uncounted(density)
+    fractions, words = uncounted(fractions), uncounted(words)
     limit = max(DENSITY_MAX, CELLS_MAX * np.float32(step))
     width = density.shape[1] // max(rows, 1)
+    y_stride = 1 if rows == 0 or _reads_every_y(code, starts[0], width) else width
     last_start = ready
     for piece in range(work.shape[0]):
         start, n = work[piece, START], work[piece, COUNT]
@@ -112,11 +117,9 @@ def run(
                     _take(its_rows, start, width, shared_places, shared_values, places, values)
                 count = wanted * width if own else n
                 if rows and at < end:
-                    _level(low[1] + step * plane, count, at_places[1])
+                    _level(low[1] + step * plane, count, y_stride, at_places)
             while at < end:
-                _execute(
-                    code[at], numbers, keys[at], count, at_places, at_values, fractions, words, width if rows else 0
-                )
+                _execute(code, at, numbers, keys, count, at_places, at_values, fractions, words, width if rows else 0)
                 at += 1
             last_start = start
             if of_slab:
@@ -153,9 +156,24 @@ def _take(
 
 
 @kernel
-def _level(y: float, count: int, out: _Doubles) -> None:
-    for i in range(count):
-        out[i] = y
+def _reads_every_y(code: _Code, first: int, width: int) -> bool:
+    """Whether an instruction from the `first` on reads y at other points than the first of each row."""
+    if not ROW_LEAST <= width <= BLOCK:
+        return True
+    for at in range(first, code.shape[0]):
+        op, of_level = code[at, ops.CODE], code[at, ops.X] == ops.LEVEL
+        if of_level and (op < ops.COORDINATE or op > ops.ABOVE):
+            return True
+        in_rows = code[at, ops.IN_ROWS] and op in (ops.GRADIENT3, ops.VALUE3, ops.SIMPLEX3)
+        if (code[at, ops.Y] == ops.LEVEL or code[at, ops.Z] == ops.LEVEL) and not in_rows:
+            return True
+    return False
+
+
+@kernel
+def _level(y: float, count: int, stride: int, places: _Doubles) -> None:
+    for i in range(0, count, stride):
+        places[ops.LEVEL, i] = y
 
 
 @kernel
@@ -181,7 +199,8 @@ def _columns(start: int, width: int, low: _Doubles, step: float, count: int, x: 
 
 @spliced
 def _execute(
-    row: NDArray[np.int32],
+    code: _Code,
+    at: int,
     numbers: _Doubles,
     keys: _Words,
     n: int,
@@ -191,18 +210,19 @@ def _execute(
     words: _Words,
     width: int,
 ) -> None:
-    op, constants = row[ops.CODE], numbers[row[ops.NUMBERS] :]
-    x, y, z = places[row[ops.X], :n], places[row[ops.Y], :n], places[row[ops.Z], :n]
-    a, b = values[row[ops.A], :n], values[row[ops.B], :n]
+    op, out = code[at, ops.CODE], code[at, ops.OUT]
+    if ops.COORDINATE_LAST < op <= ops.ARITHMETIC_LAST:
+        combine(code, at, n, width > 0, numbers, places, values)
+        return
+    constants = numbers[code[at, ops.NUMBERS] :]
+    x, y, z = places[code[at, ops.X], :n], places[code[at, ops.Y], :n], places[code[at, ops.Z], :n]
     if op <= ops.COORDINATE_LAST:
-        move(op, x, y, z, a, constants, places[row[ops.OUT], :n])
-    elif op <= ops.ARITHMETIC_LAST:
-        combine(op, a, b, values[row[ops.C], :n], x, constants, values[row[ops.OUT], :n])
+        move(op, x, y, z, values[code[at, ops.A], :n], constants, places[out, :n])
     elif op <= ops.SHAPE_LAST:
-        distances(op, x, y, z, constants, values[row[ops.OUT], :n])
+        distances(op, x, y, z, constants, values[out, :n])
     else:
-        its_width = width if row[ops.IN_ROWS] else 0
-        _noise(op, x, y, z, constants, keys, b, values[row[ops.OUT], :n], fractions, words, its_width)
+        its_width, below = width if code[at, ops.IN_ROWS] else 0, values[code[at, ops.B], :n]
+        _noise(op, x, y, z, constants, keys[at], below, values[out, :n], fractions, words, its_width)
 
 
 @spliced

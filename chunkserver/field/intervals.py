@@ -3,7 +3,7 @@
 Bounds are kept in the types of the registers and worked out with the interpreter's own operations. One such operation,
 rounded to nearest, never decreases where its exact result increases, so bounds of it are exact bounds of what is
 computed: nothing has to be rounded outwards. Where a step is more than one operation, or is bounded by how steep it is,
-the bounds are widened by more than its rounding: see SLACK and those below it.
+the bounds are widened by more than its rounding: see SLACK and the others.
 
 What is bounded by how steep it is starts from its value at the middle of the box, where the interpreter has worked out
 every register. Noise lies within its range, and within its Lipschitz constant times the distance from there: tight
@@ -20,15 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.field import ops
-from chunkserver.field.arithmetic import ZERO, piece, smooth_min
 from chunkserver.field.coordinates import cell
 from chunkserver.field.noise.lattice import COORDINATE_MAX
 from chunkserver.field.points import run_at
 from chunkserver.field.tape import INPUTS, Tape
+from chunkserver.field.value_bounds import INFINITE, SLACK, combine_bounds, largest, remap_bounds
 from chunkserver.kernel import inlined, kernel
 
-SLACK: Final = 2.0**-20
-"""Of the magnitudes that go in: 16 roundings of float32."""
 NOISE_SLACK: Final = 2.0**-16
 """Of noise in [-1, 1]: what its roundings in float32 may add up to (`tests/property/test_intervals.py`)."""
 DISTANCE_SLACK: Final = 2.0**-40
@@ -42,9 +40,6 @@ FINITE_MAX: Final = 1e38
 ALL_FINITE: Final = -1
 ANYWHERE: Final = math.inf
 """A coordinate that is not known at all; a distance from the middle at which noise is bounded by its range alone."""
-INFINITE: Final = np.float32(ANYWHERE)
-STEEPEST_STEP: Final = 1.5
-"""The slope of 3t^2 - 2t^3 half-way, where it is largest."""
 
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
@@ -131,10 +126,10 @@ def bound(
                 finite = bool(first > -FINITE_MAX and last < FINITE_MAX)
             else:
                 if op == ops.REMAP:
-                    lowest, highest, by = _remap(a0, a1, da, numbers, n)
+                    lowest, highest, by = remap_bounds(a0, a1, da, numbers, n)
                 elif op <= ops.ARITHMETIC_LAST:
                     c0, c1, dc = low[c, box], high[c, box], spread[c, box]
-                    lowest, highest, by = _combine(op, a0, a1, da, b0, b1, db, c0, c1, dc, x0, x1, dx, n0, n1, n2)
+                    lowest, highest, by = combine_bounds(op, a0, a1, da, b0, b1, db, c0, c1, dc, x0, x1, dx, n0, n1, n2)
                 else:
                     flat = op in (ops.GRADIENT2, ops.VALUE2, ops.SIMPLEX2, ops.CELLULAR2)
                     here = at_middle[out, box]
@@ -156,17 +151,11 @@ def bound(
                             here, below_here, radius, moved, farthest, n0, n1, range_low, range_high, steep, b0, b1, db
                         )
                 low[out, box], high[out, box] = lowest, highest
-                spread[out, box] = by + SLACK * _largest(lowest, highest)
+                spread[out, box] = by + SLACK * largest(lowest, highest)
                 finite = bool(lowest > -FINITE_MAX and highest < FINITE_MAX)
             if not finite:
                 failed[box] = at
                 break
-
-
-@inlined
-def _largest(low: np.float32, high: np.float32) -> float:
-    """Return the largest magnitude between two bounds."""
-    return np.float64(max(abs(low), abs(high)))
 
 
 @inlined
@@ -205,7 +194,7 @@ def _move(
         size = max(-x0, x1) * abs(n0) + max(-y0, y1) * abs(n1) + max(-z0, z1) * abs(n2)
         return first, last, dx * abs(n0) + dy * abs(n1) + dz * abs(n2) + COORDINATE_SLACK * size
     if op == ops.WARP:
-        size = max(-x0, x1) + _largest(a0, a1)
+        size = max(-x0, x1) + largest(a0, a1)
         return x0 + np.float64(a0), x1 + np.float64(a1), dx + da + COORDINATE_SLACK * size
     period, inverse = n0, n1
     if not (max(-x0, x1) * inverse < COORDINATE_MAX):
@@ -217,143 +206,6 @@ def _move(
         return x0 - period * first, x1 - period * last, dx
     half = 0.5 * period + DISTANCE_SLACK * max(-x0, x1)
     return -half, half, 2.0 * half
-
-
-@inlined
-def _combine(
-    op: int,
-    a0: np.float32,
-    a1: np.float32,
-    da: float,
-    b0: np.float32,
-    b1: np.float32,
-    db: float,
-    c0: np.float32,
-    c1: np.float32,
-    dc: float,
-    x0: float,
-    x1: float,
-    dx: float,
-    n0: float,
-    n1: float,
-    n2: float,
-) -> tuple[np.float32, np.float32, float]:
-    if op == ops.CONSTANT:
-        return np.float32(n0), np.float32(n0), 0.0
-    if op == ops.COORDINATE:
-        return np.float32(x0), np.float32(x1), dx
-    if op == ops.HEIGHT:
-        return np.float32(x0 - np.float64(a1)), np.float32(x1 - np.float64(a0)), dx + da
-    if op == ops.ADD:
-        return np.float32(a0 + b0), np.float32(a1 + b1), da + db
-    if op == ops.SUBTRACT:
-        return np.float32(a0 - b1), np.float32(a1 - b0), da + db
-    if op == ops.MULTIPLY:
-        p, q, r, s = np.float32(a0 * b0), np.float32(a0 * b1), np.float32(a1 * b0), np.float32(a1 * b1)
-        return min(p, q, r, s), max(p, q, r, s), _largest(a0, a1) * db + _largest(b0, b1) * da
-    if op == ops.MIN:
-        return min(a0, b0), min(a1, b1), max(da, db)
-    if op == ops.MAX:
-        return max(a0, b0), max(a1, b1), max(da, db)
-    if op in (ops.ABS, ops.FOLD):
-        return _fold(op, a0, a1, da, b0, b1, db, n0, n1)
-    if op == ops.SELECT:
-        return _select(a0, a1, da, b0, b1, db, c0, c1, dc, n0, n1, n2)
-    return _smooth(op, a0, a1, da, b0, b1, db, n0, n1)
-
-
-@inlined
-def _fold(
-    op: int,
-    a0: np.float32,
-    a1: np.float32,
-    da: float,
-    b0: np.float32,
-    b1: np.float32,
-    db: float,
-    n0: float,
-    n1: float,
-) -> tuple[np.float32, np.float32, float]:
-    inner = ZERO if a0 <= ZERO <= a1 else min(abs(a0), abs(a1))
-    outer = max(abs(a0), abs(a1))
-    if op == ops.ABS:
-        return inner, outer, da
-    base, slope = np.float32(n0), np.float32(n1)
-    p, q = np.float32(base + np.float32(slope * inner)), np.float32(base + np.float32(slope * outer))
-    by = db + abs(np.float64(slope)) * da + SLACK * (abs(base) + abs(slope) * outer)
-    return np.float32(b0 + min(p, q)), np.float32(b1 + max(p, q)), by
-
-
-@inlined
-def _select(
-    by0: np.float32,
-    by1: np.float32,
-    d_by: float,
-    below0: np.float32,
-    below1: np.float32,
-    d_below: float,
-    above0: np.float32,
-    above1: np.float32,
-    d_above: float,
-    n0: float,
-    n1: float,
-    slope: float,
-) -> tuple[np.float32, np.float32, float]:
-    first, last = np.float32(n0), np.float32(n1)
-    if by1 <= first and by1 < last:
-        return below0, below1, d_below
-    if by0 >= last:
-        return above0, above1, d_above
-    low, high = min(below0, above0), max(below1, above1)
-    slack = SLACK * _largest(low, high)
-    apart = np.float64(max(above1 - below0, below1 - above0))
-    step = STEEPEST_STEP * (slope * d_by + SLACK * (1.0 + slope * _largest(by0, by1))) if slope > 0.0 else 1.0
-    moved = max(d_below, d_above) + apart * min(step, 1.0)
-    return np.float32(low - slack), np.float32(high + slack), moved + 4.0 * slack
-
-
-@inlined
-def _smooth(
-    op: int,
-    a0: np.float32,
-    a1: np.float32,
-    da: float,
-    b0: np.float32,
-    b1: np.float32,
-    db: float,
-    n0: float,
-    n1: float,
-) -> tuple[np.float32, np.float32, float]:
-    """Bound the smooth minimum and maximum, which rise with a and with b, together by no more than the faster one."""
-    radius, scale = np.float32(n0), np.float32(n1)
-    sign = np.float32(1) if op == ops.SMOOTH_MIN else np.float32(-1)
-    first = np.float32(sign * smooth_min(np.float32(sign * a0), np.float32(sign * b0), radius, scale))
-    last = np.float32(sign * smooth_min(np.float32(sign * a1), np.float32(sign * b1), radius, scale))
-    slack = SLACK * (max(_largest(a0, a1), _largest(b0, b1)) + n0)
-    return np.float32(first - slack), np.float32(last + slack), max(da, db) + 2.0 * slack
-
-
-@inlined
-def _remap(
-    a0: np.float32, a1: np.float32, da: float, numbers: _Doubles, n: int
-) -> tuple[np.float32, np.float32, float]:
-    """Bound a piecewise linear curve: it is lowest and highest at the ends, or at knots between them."""
-    first = last = np.float32(numbers[n + 2])
-    low, high, highest, steepest = INFINITE, -INFINITE, ZERO, 0.0
-    for knot in range(np.int64(numbers[n])):
-        at = n + 1 + ops.KNOT_NUMBERS * knot
-        start, to = np.float32(numbers[at]), np.float32(numbers[at + 1])
-        rise, scale = np.float32(numbers[at + 2]), np.float32(numbers[at + 3])
-        if knot + 1 < numbers[n]:
-            first, last = piece(first, a0, start, rise, scale), piece(last, a1, start, rise, scale)
-            steepest = max(steepest, abs(numbers[at + 2] * numbers[at + 3]))
-        highest = max(highest, abs(to))
-        if a0 <= start <= a1:
-            low, high = min(low, to), max(high, to)
-    slack = SLACK * numbers[n] * np.float64(highest)
-    rounding = steepest * SLACK * _largest(a0, a1)
-    low, high = min(low, first, last), max(high, first, last)
-    return np.float32(low - slack), np.float32(high + slack), steepest * da + 2.0 * slack + rounding
 
 
 @inlined
@@ -396,5 +248,5 @@ def _noise(
     low = np.float32(max(middle - reach, np.float64(min(first, last))))
     high = np.float32(min(middle + reach, np.float64(max(first, last))))
     by = size * (steep * (moved * frequency + rounding) + 2.0 * NOISE_SLACK)
-    by = min(by, np.float64(abs(last - first))) + SLACK * (size + _largest(below0, below1))
+    by = min(by, np.float64(abs(last - first))) + SLACK * (size + largest(below0, below1))
     return np.float32(below0 + low), np.float32(below1 + high), d_below + by

@@ -10,6 +10,9 @@ then the points of a row share y and z, and all rows share x.
 
 from typing import Final
 
+LEVEL: Final = 1
+"""The coordinate register of y, which all points of a plane share."""
+
 CODE: Final = 0
 OUT: Final = 1
 A: Final = 2
@@ -32,42 +35,44 @@ WARP: Final = 4  # x + a
 COORDINATE_LAST: Final = WARP
 
 # Values of values.
-CONSTANT: Final = 5  # n0
-COORDINATE: Final = 6  # x
-HEIGHT: Final = 7  # x - a
+COORDINATE: Final = 5  # x
+HEIGHT: Final = 6  # x - a, rounded once
+ABOVE: Final = 7  # x - a
 ADD: Final = 8
 SUBTRACT: Final = 9
 MULTIPLY: Final = 10
 MIN: Final = 11
 MAX: Final = 12
-ABS: Final = 13
-FOLD: Final = 14  # b + (n0 + n1 * |a|)
-SMOOTH_MIN: Final = 15  # radius, 1 / (4 radius)
-SMOOTH_MAX: Final = 16
-SELECT: Final = 17  # by a: b or c                   at - width / 2, at + width / 2, 1 / width
-REMAP: Final = 18  # count, then (from, to, rise, 1 / width) of each knot
+CONSTANT: Final = 13  # n0
+LINEAR: Final = 14  # ((a + n0) * n1) + n2
+ABS: Final = 15
+FOLD: Final = 16  # b + (n0 + n1 * |a|)
+SMOOTH_MIN: Final = 17  # radius, 1 / (4 radius)
+SMOOTH_MAX: Final = 18
+SELECT: Final = 19  # by a: b or c                   at - width / 2, at + width / 2, 1 / width
+REMAP: Final = 20  # count, then (from, to, rise, 1 / width) of each knot
 ARITHMETIC_LAST: Final = REMAP
 
 # Distances. The first number is added, the second is the least that comes out, the third how large the shape is.
-PLANE: Final = 19
-SPHERE: Final = 20
-BOX: Final = 21
-CAPSULE: Final = 22
-TORUS: Final = 23
-CYLINDER: Final = 24
+PLANE: Final = 21
+SPHERE: Final = 22
+BOX: Final = 23
+CAPSULE: Final = 24
+TORUS: Final = 25
+CYLINDER: Final = 26
 SHAPE_LAST: Final = CYLINDER
 
-RANDOM: Final = 25
+RANDOM: Final = 27
 
 # Noise: b + amplitude * noise. Amplitude, frequency, three offsets, jitter, returns, low, high, Lipschitz constant.
-GRADIENT2: Final = 26
-GRADIENT3: Final = 27
-VALUE2: Final = 28
-VALUE3: Final = 29
-SIMPLEX2: Final = 30
-SIMPLEX3: Final = 31
-CELLULAR2: Final = 32
-CELLULAR3: Final = 33
+GRADIENT2: Final = 28
+GRADIENT3: Final = 29
+VALUE2: Final = 30
+VALUE3: Final = 31
+SIMPLEX2: Final = 32
+SIMPLEX3: Final = 33
+CELLULAR2: Final = 34
+CELLULAR3: Final = 35
 
 FLAT: Final = frozenset((GRADIENT2, VALUE2, SIMPLEX2, CELLULAR2))
 """Noises that do not read y."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.field import ops
-from chunkserver.field.intervals import SLACK
+from chunkserver.field.value_bounds import SLACK
 from chunkserver.kernel import inlined
 
 PROGRAMS_MAX: Final = 24

@@ -140,6 +140,7 @@ CUBE: Grid = (-9.0, -9.0, -9.0), 1.0, (19, 19, 19)
 ASIDE: Grid = (3.0, -9.0, 1.0), 1.0, (19, 19, 19)
 BESIDE: Grid = (-9.0, -9.0, -9.0), 1.0, (11, 2, 2)
 CELLS = {"op": "repeat", "a": {"op": "random"}}
+MOVED = {"op": "add", "a": {"op": "multiply", "a": {"op": "add", "a": X, "b": 3}, "b": -2}, "b": 7}
 TWICE = partial(operator.mul, 2.0)
 HALF = partial(operator.mul, 0.5)
 
@@ -161,6 +162,10 @@ WRONG_NUMBERS: dict[str, tuple[Tree, Grid, int, int, Callable[[float], float]]] 
     "a knot in between": ({"op": "remap", "a": X, "points": [[-5, 0], [0, 9], [5, 0]]}, CUBE, ops.REMAP, 6, HALF),
     "the rise to a knot": ({"op": "remap", "a": X, "points": [[-5, 0], [50, 9]]}, CUBE, ops.REMAP, 3, HALF),
     "how a ridge folds": ({**NOISE, "op": "ridged2", "octaves": 1}, CUBE, ops.FOLD, 1, HALF),
+    "what is added first": (MOVED, CUBE, ops.LINEAR, 0, TWICE),
+    "the factor": (MOVED, CUBE, ops.LINEAR, 1, HALF),
+    "the sign of the factor": (MOVED, CUBE, ops.LINEAR, 1, operator.neg),
+    "what is added last": (MOVED, CUBE, ops.LINEAR, 2, TWICE),
 }
 
 
@@ -178,7 +183,8 @@ def test_a_wrong_bound_is_noticed(wrong):
 
 WRONG_OPS: dict[str, tuple[Tree, Grid, int, int]] = {
     "add": ({"op": "add", "a": X, "b": Z}, ASIDE, ops.ADD, ops.SUBTRACT),
-    "subtract": ({"op": "subtract", "a": X, "b": Z}, ASIDE, ops.SUBTRACT, ops.ADD),
+    "subtract": ({"op": "subtract", "a": {"op": "abs", "a": X}, "b": Z}, ASIDE, ops.SUBTRACT, ops.ADD),
+    "above": ({"op": "subtract", "a": X, "b": Z}, ASIDE, ops.ABOVE, ops.COORDINATE),
     "multiply": ({"op": "multiply", **XY}, CUBE, ops.MULTIPLY, ops.MIN),
     "min": ({"op": "min", **XY}, ASIDE, ops.MIN, ops.MAX),
     "max": ({"op": "max", **XY}, ASIDE, ops.MAX, ops.MIN),
@@ -205,6 +211,7 @@ STEEP: dict[str, tuple[Tree, Grid, int, int, Callable[[float], float]]] = {
     "how steep a blend is": (RAMP, NEAR, ops.SELECT, 2, partial(operator.mul, 0.1)),
     "how a ridge folds": ({**FINE, "op": "ridged3", "frequency": 0.5, "octaves": 1}, NEAR, ops.FOLD, 1, HALF),
     "the rise of a piece": ({"op": "remap", "a": X, "points": [[-10, 0], [50, 9]]}, NEAR, ops.REMAP, 3, HALF),
+    "the factor": (MOVED, NEAR, ops.LINEAR, 1, HALF),
 }
 
 
@@ -220,6 +227,7 @@ SLOW: dict[str, tuple[Tree, int, int]] = {
     "add": ({"op": "add", "a": X, "b": X}, ops.ADD, ops.MAX),
     "multiply": ({"op": "multiply", **XY}, ops.MULTIPLY, ops.MIN),
     "heightfield": ({"op": "heightfield", "height": {"op": "multiply", "a": X, "b": -3}}, ops.HEIGHT, ops.COORDINATE),
+    "above": ({"op": "subtract", "a": Y, "b": {"op": "multiply", "a": X, "b": -3}}, ops.ABOVE, ops.COORDINATE),
     "a distance": ({"op": "sphere", "radius": 4, "center": [90, 0, 0]}, ops.SPHERE, ops.CONSTANT),
 }
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from chunkserver.field import densities as densities_of
 from chunkserver.field import ops, sample
 from chunkserver.field.flatten import WRITERS
-from chunkserver.field.points import run_box
+from chunkserver.field.points import densities_at, run_box
 from chunkserver.field.tape import INPUTS, Tape, allocate
 from chunkserver.field.writer import Frame, Writer
 from chunkserver.grid import ChunkKey, ChunkShape
@@ -120,3 +120,30 @@ def test_noise_is_of_rows_where_x_is_that_of_the_column_and_y_and_z_are_not(fram
     low = np.array(key.low_corner(16)) - 1
     places = np.stack(np.meshgrid(*[np.arange(19.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:, [2, 0, 1]] + low
     assert densities_of(world, 0, places).tobytes() == sample(world, key, shape).density.tobytes()
+
+
+SPHERE = {"op": "sphere", "radius": 4}
+ROWS = {"op": "simplex3", "frequency": 0.1}
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        {"op": "y"},
+        binary("subtract", {"op": "y"}, ROWS),
+        binary("subtract", ROWS, {"op": "y"}),
+        {"op": "heightfield", "height": ROWS},
+        binary("max", ROWS, SPHERE),
+        binary("max", ROWS, {"op": "cellular3", "frequency": 0.1}),
+        binary("max", ROWS, {"op": "translate", "a": ROWS, "offset": [0, 3, 0]}),
+        binary("max", ROWS, {"op": "rotate", "a": ROWS, "quaternion": [0, 0, 1, 1]}),
+        binary("max", ROWS, {"op": "warp", "a": ROWS, "y": ROWS}),
+    ],
+)
+@pytest.mark.parametrize("width", [SIDE, 19])
+def test_y_is_there_wherever_it_is_read(tree, width):
+    tape, _ = tapes(tree)
+    low = np.array([-7.0, 11.0, 2.0])
+    y, z, x = np.meshgrid(*(np.arange(n) + at for n, at in ((3, 11), (4, 2), (width, -7))), indexing="ij")
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float64)
+    assert run_box(tape, low, 1.0, (3, 4, width)).tobytes() == densities_at(tape, 1.0, points).tobytes()
