@@ -1,5 +1,6 @@
 """Running a tape from Python: over points, over a box of lattice points. Every point is worked out."""
 
+import threading
 from functools import lru_cache
 from typing import Final
 
@@ -13,6 +14,15 @@ from chunkserver.field.tape import INPUTS, Tape
 Shape = tuple[int, int, int]
 """How many points: planes (y), rows (z), points of a row (x)."""
 
+
+class _Scratch(threading.local):
+    """Scratch memory of the noises, kept by each thread: it is in use only while the interpreter runs."""
+
+    def __init__(self) -> None:
+        self.rows = scratch()
+
+
+_SCRATCH: Final = _Scratch()
 _NOWHERE: Final = np.zeros(3)
 _NONE_LISTED: Final = np.empty(0, np.int32)
 SIZES_MAX: Final = 64
@@ -97,6 +107,6 @@ def _run(
         _NONE_LISTED,
         places,
         values,
-        *scratch(),
+        *_SCRATCH.rows,
         density,
     )

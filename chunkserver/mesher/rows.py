@@ -58,21 +58,24 @@ def slot_bits(cells: int) -> int:
 def pack(density: _Densities, side: int, apron: int, rows: Words) -> int:
     """Write the inside flags of all corners. Returns `ALL_AIR`, `ALL_ROCK` or `MIXED`.
 
-    density: flat, `side` samples a side. rows: (y, z, run) out.
+    density: flat, `side` samples a side. rows: flat (y, z, run) out.
     """
-    corners, _, runs = rows.shape
+    corners = side - 2 * apron
+    runs = rows.size // (corners * corners)
     cells = (corners - 1) // runs
     end, second = np.uint64(cells), np.uint64(min(LANES, cells - LANES))
     some, every = np.uint64(0), ~np.uint64(0)
     for y in range(corners):
         for run in range(runs):
             first = np.uint64(((y + apron) * side + apron) * side + apron + cells * run)
-            for z in range(corners):
+            place = np.uint64(y * corners * runs + run)
+            for _ in range(corners):
                 prefetch(density, first + AHEAD)
                 prefetch(density, first + AHEAD + np.uint64(LANES))
                 flags = are_rock(density, first) | are_rock(density, first + second) << second
                 flags |= np.uint64(is_rock(density[first + end])) << end
-                rows[y, z, run] = flags
+                rows[place] = flags
+                place += np.uint64(runs)
                 some, every = some | flags, every & flags
                 first += np.uint64(side)
     if some == np.uint64(0):
@@ -84,10 +87,10 @@ def pack(density: _Densities, side: int, apron: int, rows: Words) -> int:
 def list_runs(rows: Words, corners: int, bits: int, firsts: Words, edges: Words, cells: Words, ends: Words) -> None:
     """List what is crossed, in the order of y, z, run, axis.
 
-    rows: flat, `corners` a side. bits: `slot_bits`. firsts: flat (y, z, run, axis) out, the number of the first vertex
-    of each run of edges, but for runs around which nothing is crossed; or empty. edges, cells: out, an entry for each
-    run that is not empty, and room for one more. ends: (y, 2) out, how many vertices and how many mixed cells there are
-    up to the end of each plane.
+    rows: flat (y, z, run), `corners` a side. bits: `slot_bits`. firsts: flat (y, z, run, axis) out, the number of the
+    first vertex of each run of edges, but for runs around which nothing is crossed; or empty. edges, cells: out, an
+    entry for each run that is not empty, and room for one more. ends: (y, 2) out, how many vertices and how many mixed
+    cells there are up to the end of each plane.
 
     Most runs lie all in air or all in rock, and so do those beside and above: that is asked first.
     """

@@ -1,5 +1,7 @@
 """One chunk's samples: noise against numpy, the lattice, far away, what is refused, and what is proved instead."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -91,6 +93,15 @@ def test_one_box_is_bounded_as_many_are(name):
         both = bounds(tape, *np.array([(low, low), (high, high)], float).transpose(0, 2, 1))
         for known in one._fields:
             assert np.array_equal(getattr(one, known)[..., 0], getattr(both, known)[..., 1])
+
+
+def test_threads_sample_at_once():
+    world, shape = WorldRecipe(SEED, builtin("planet")), ChunkShape(32)
+    keys = [ChunkKey(0, 6, y, z) for y in range(-2, 2) for z in range(-2, 2)]
+    alone = [sample(world, key, shape).density for key in keys]
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(lambda key: sample(world, key, shape).density, keys * 4))
+    assert all(np.array_equal(found, expected) for found, expected in zip(together, alone * 4, strict=True))
 
 
 def test_a_world_is_its_seed():

@@ -41,7 +41,7 @@ def test_the_vector_comparison_is_pythons(limit, rng):
 
 def packed(density, shape):
     rows = np.empty((shape.corners, shape.corners, runs_of(shape.cells)), np.uint64)
-    return rows, pack(density.reshape(-1), shape.samples, shape.apron, rows)
+    return rows, pack(density.reshape(-1), shape.samples, shape.apron, rows.reshape(-1))
 
 
 def inner(density, shape):
