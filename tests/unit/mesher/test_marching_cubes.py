@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from chunkserver.grid import CELLS_BUILT, POSITION_LOW, ChunkShape
-from chunkserver.mesh import EMPTY, NormalKind
+from chunkserver.mesh import EMPTY, NormalKind, index_type
 from chunkserver.mesher import extract
 from chunkserver.samples import Samples
 from tests.surfaces import assert_no_degenerate, assert_watertight, weld
@@ -177,3 +177,13 @@ def test_a_single_sample_of_rock_is_an_octahedron():
     assert len(mesh.triangles) == 8
     assert_watertight(surface)
     assert_no_degenerate(surface)
+
+
+@pytest.mark.parametrize("cells", CELLS_BUILT)
+def test_indices_are_as_wide_as_they_have_to_be(cells, rng):
+    """64 cells of white noise have more vertices than 16 bits number."""
+    shape = ChunkShape(cells)
+    mesh = extract(Samples(shape, rng.standard_normal((shape.samples,) * 3).astype(np.float32)))
+    vertices = len(mesh.positions)
+    assert mesh.triangles.dtype == index_type(vertices) == (np.uint32 if cells == 64 else np.uint16)
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(vertices))
