@@ -7,11 +7,12 @@
     │   └── BadParameter      any other value: a mask, a format, a size that is not built
     ├── WireError             bytes or a mesh that the wire format cannot hold
     ├── StoreError            what is kept on disk cannot be read or written
-    │   └── StoreFull         there is no room for more, on the disk or by a limit
+    │   ├── StoreFull         there is no room for more, on the disk or by a limit
+    │   └── WorldGone         an edit for a world that is not kept here, or not any more
     ├── BadSetting            what an operator has chosen cannot be
     └── Unavailable           nothing is wrong with the request; it may be sent again
         ├── WorkerLost        the request ended more than one worker process
-        ├── Overloaded        the queue in front of the workers is full
+        ├── Overloaded        too much waits already: for the workers, or for the log of edits
         └── DeadlinePassed    the answer was not ready in time
 
 Every error carries the values it speaks of in `values`, so that a machine can read what the message says.
@@ -68,6 +69,10 @@ class StoreFull(StoreError):
     """There is no room for more, on the disk or by a limit. Nothing was changed."""
 
 
+class WorldGone(StoreError):
+    """An edit for a world that is not kept here, or not any more. Nothing was changed."""
+
+
 class BadSetting(ChunkError):
     """A setting that is unknown or cannot be what it is. The message has a line for each."""
 
@@ -81,7 +86,7 @@ class WorkerLost(Unavailable):
 
 
 class Overloaded(Unavailable):
-    """The queue in front of the workers is full."""
+    """Too much waits already: for the workers, or for the log of edits."""
 
 
 class DeadlinePassed(Unavailable):

@@ -25,6 +25,7 @@ from chunkserver.errors import (
     StoreFull,
     Unavailable,
     WorkerLost,
+    WorldGone,
 )
 from chunkserver.server.pool import BuildFault
 
@@ -148,6 +149,7 @@ PROBLEMS: Final[dict[type[Exception] | int, Problem]] = {
     OldGenerator: Problem(410, "old-generator", "The server has another generator now"),
     OldEpoch: Problem(410, "old-epoch", "Another world has this id now"),
     UnknownWorld: Problem(404, "unknown-world", "There is no such world"),
+    WorldGone: Problem(404, "unknown-world", "There is no such world"),
     UnknownRevision: Problem(404, "unknown-revision", "The world does not have this revision yet"),
     WorldExists: Problem(409, "world-exists", "Another world has this id"),
     OtherGenerator: Problem(409, "other-generator", "The world was created by another generator"),

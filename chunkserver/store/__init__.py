@@ -2,6 +2,7 @@
 
 from chunkserver.store.catalogue import Catalogue
 from chunkserver.store.folder import Store
+from chunkserver.store.log import Draft, EditLog, Outcome
 from chunkserver.store.migration import migrate
 
-__all__ = ["Catalogue", "Store", "migrate"]
+__all__ = ["Catalogue", "Draft", "EditLog", "Outcome", "Store", "migrate"]

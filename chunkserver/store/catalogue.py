@@ -23,14 +23,19 @@ _Row = tuple[str, str, int, str, str, float, int, int, str, str]
 
 
 class Catalogue:
-    """The worlds of a database. Raises `StoreError` if one of its rows makes no world."""
+    """The worlds of a database, with the revisions that they have at the start.
+
+    Raises `StoreError` if one of its rows makes no world.
+    """
 
     def __init__(self, database: Database) -> None:
         self.folder = database.folder
         self._writing = threading.Lock()
         self._database = database
         with database.read() as connection:
-            rows: Iterator[_Row] = connection.execute(f"SELECT {_COLUMNS} FROM worlds ORDER BY id")
+            rows: Iterator[tuple[*_Row, int]] = connection.execute(
+                f"SELECT {_COLUMNS}, revision FROM worlds JOIN tails USING (epoch) ORDER BY id"
+            )
             self._worlds = {row[0]: _world(row, database.path) for row in rows}
 
     def __len__(self) -> int:
@@ -100,8 +105,8 @@ def _row(world: World) -> _Row:
     )
 
 
-def _world(row: _Row, path: str) -> World:
-    name, epoch, seed, source, recipe_name, voxel_size, lods, chunk_cells, generator, created = row
+def _world(row: tuple[*_Row, int], path: str) -> World:
+    name, epoch, seed, source, recipe_name, voxel_size, lods, chunk_cells, generator, created, revision = row
     try:
         return World(
             id=name,
@@ -113,6 +118,7 @@ def _world(row: _Row, path: str) -> World:
             chunk_cells=chunk_cells,
             generator=generator,
             created=created,
+            revision=revision,
         )
     except BadRequest as error:
         raise StoreError(f"{path} is damaged: {error.message}", path=path) from error

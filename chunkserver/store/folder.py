@@ -4,7 +4,10 @@ from pathlib import Path
 
 from chunkserver.errors import StoreError
 from chunkserver.store.catalogue import Catalogue
+from chunkserver.store.log import EditLog
+from chunkserver.store.snapshots import Snapshots
 from chunkserver.store.sqlite import FILE_NAME, Database
+from chunkserver.store.writer import Writer
 
 
 class Store:
@@ -12,6 +15,9 @@ class Store:
 
     folder: None if nothing is kept.
     catalogue: its worlds.
+    log: their edits.
+    writer: how an edit comes into the log.
+    snapshots: what was made of the edits.
 
     Raises what `Database` does.
     """
@@ -24,6 +30,9 @@ class Store:
         except BaseException:
             self._database.close()
             raise
+        self.log = EditLog(self._database)
+        self.writer = Writer(self.log.append)
+        self.snapshots = Snapshots(folder)
 
     @classmethod
     def existing(cls, folder: Path) -> "Store":
@@ -33,5 +42,7 @@ class Store:
         return cls(folder)
 
     def close(self) -> None:
-        """Give the folder back. What was written is on the disk already."""
+        """Write the edits that wait, and give the folder back."""
+        self.writer.close()
+        self.snapshots.close()
         self._database.close()
