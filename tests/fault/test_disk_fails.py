@@ -1,0 +1,144 @@
+"""The disk fails, or is full, at every single write and sync of a run: nothing is acknowledged that is not there."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+import apsw
+import numpy as np
+import pytest
+
+from chunkserver.errors import StoreError, StoreFull
+from chunkserver.store import Store, sqlite
+from tests.fault.disk import Disk
+from tests.fault.history import History
+from tests.scale import TORTURE
+
+STEPS = 14
+STRIDE = 1 if TORTURE else 13
+"""Between two places where a write fails. Syncs are few: each of them fails in every run."""
+OPERATIONS_MAX = 2000
+SEED = 5
+"""Of what is done: the same in every run, so that each has the operations of the one before."""
+
+
+class Fails:
+    """The `at`-th operation of some kinds fails, and `times` - 1 more."""
+
+    def __init__(self, at: int, kinds: tuple[str, ...], error: type[apsw.Error], extended: int, times: int = 1) -> None:
+        self.at, self.kinds, self.error, self.extended, self.times = at, kinds, error, extended, times
+        self.seen = 0
+
+    def __call__(self, kind: str, _name: str) -> None:
+        if kind in self.kinds:
+            self.seen += 1
+            if self.at <= self.seen < self.at + self.times:
+                fault = self.error(f"a {kind} that fails")
+                fault.extendedresult = self.extended  # type: ignore[attr-defined] # SQLite is told this
+                raise fault
+
+    @property
+    def happened(self) -> bool:
+        return self.seen >= self.at
+
+
+@pytest.fixture(autouse=True)
+def often(monkeypatch):
+    monkeypatch.setattr(sqlite, "CHECKPOINT_PAGES", 12)
+
+
+@contextmanager
+def opened(folder: Path, fault: Fails) -> Iterator[Store | None]:
+    """A store on a disk that fails; None if that is told when it is opened."""
+    with Disk(fault):
+        try:
+            store = Store(folder)
+        except StoreError:
+            yield None
+            return
+        try:
+            yield store
+        finally:
+            with suppress(apsw.Error):  # SQLite itself does not mind, and copies the log when it is opened again
+                store.close()
+
+
+def used(store: Store) -> tuple[History, list[History], list[StoreError]]:
+    """Do the steps. Return what was acknowledged; what it would be with each step that failed; and how they failed."""
+    rng = np.random.default_rng(SEED)
+    history, failed, refusals = History(), [], []
+    for _ in range(STEPS):
+        action, after = history.step(rng)
+        try:
+            action(store)
+            history = after
+        except StoreError as error:
+            failed.append(after)
+            refusals.append(error)
+            assert history.fault_in(store) == "", "reads go on, and see nothing of it"
+    return history, failed, refusals
+
+
+def every_place(
+    folder: Path, kinds: tuple[str, ...], error: type[apsw.Error], extended: int, times: int = 1
+) -> Iterator[tuple[Path, Fails]]:
+    """Yield a run for each place where the disk may fail, until there is none: its folder, and the fault."""
+    for at in range(1, OPERATIONS_MAX, 1 if kinds == ("sync",) else STRIDE):
+        fault = Fails(at, kinds, error, extended, times)
+        place = folder / str(at)
+        yield place, fault
+        shutil.rmtree(place)
+        if not fault.happened:
+            assert at > STEPS, "the run had hardly any operations"
+            return
+    raise AssertionError("the run does not end")
+
+
+def restarted(folder: Path, possible: list[History]) -> None:
+    """After a restart, on a disk that works, the store is one of these, answers as it did, and goes on."""
+    rng = np.random.default_rng(SEED)
+    with Disk(), closing(Store(folder)) as store:
+        faults = [history.fault_in(store) or history.sent_again(store, rng) for history in possible]
+        assert "" in faults, faults
+        action, after = possible[faults.index("")].step(rng)
+        action(store)
+        assert not after.fault_in(store)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "extended"),
+    [(("sync",), apsw.SQLITE_IOERR_FSYNC), (("write", "truncate"), apsw.SQLITE_IOERR_WRITE)],
+    ids=["sync", "write"],
+)
+def test_a_disk_that_fails_once_is_not_trusted_again(tmp_path, kinds, extended):
+    """It works again at once. But what it lost it would not say a second time: nothing more is written."""
+    stopped = 0
+    for folder, fault in every_place(tmp_path, kinds, apsw.IOError, extended):
+        possible = [History()]
+        with opened(folder, fault) as store:
+            if store:
+                history, failed, refusals = used(store)
+                possible = [history, *failed[:1]]
+                stopped += len(refusals) > 1
+                assert all("until a restart" in error.message for error in refusals[1:])
+        restarted(folder, possible)
+    assert stopped > 2
+
+
+@pytest.mark.parametrize("times", [1, 40])
+def test_a_full_disk_refuses_and_goes_on_when_there_is_room(tmp_path, times, caplog):
+    refused = went_on = 0
+    for folder, fault in every_place(tmp_path, ("write",), apsw.FullError, apsw.SQLITE_FULL, times):
+        possible = [History()]
+        with opened(folder, fault) as store:
+            if store:
+                history, _, refusals = used(store)
+                possible = [history]
+                assert {type(error) for error in refusals} <= {StoreFull}
+                refused += len(refusals)
+                went_on += bool(refusals) and bool(history.logs)
+        restarted(folder, possible)
+    assert refused > 2
+    assert went_on > 2
+    assert "until a restart" not in caplog.text
