@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.grid import ChunkShape
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import inlined, kernel, uncounted
 from chunkserver.mesh import EMPTY, Mesh, NormalKind, as_indices, index_type
 from chunkserver.mesher.bits import ONE, below, lowest, without_lowest
 from chunkserver.mesher.cases import CUBE_COUNTS, CUBE_EDGES, CUBE_TRIANGLES_MAX
@@ -153,6 +153,7 @@ def _connect(
     An entry loses its lowest flag at a time. The next one is at hand before it is known whether it is wanted: so there
     is no branch that the machine has to guess.
     """
+    offsets, indices = uncounted(offsets), uncounted(indices)
     numbers = np.empty(2 << 2 * bits + int(SLOT_X), indices.dtype)
     ring = below(np.uint64(2 * bits + 1) + SLOT_X)
     vertex, mixed, at = np.uint64(0), np.uint64(0), np.uint64(0)

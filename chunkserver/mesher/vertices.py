@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from chunkserver.grid import POSITION_LOW
-from chunkserver.kernel import inlined, kernel
+from chunkserver.kernel import inlined, kernel, uncounted
 from chunkserver.mesh import POSITION_W
 from chunkserver.mesher.crossing import crossing, is_rock
 from chunkserver.mesher.normals import as_byte, between, unit
@@ -54,6 +54,8 @@ def fill_vertices(
     is. positions: (V,) out, four u16 each. as_int8: (V,) out, four int8 each, or empty. as_float32: (3 * V,) out, or
     empty.
     """
+    density, strides, slots, positions = uncounted(density), uncounted(strides), uncounted(slots), uncounted(positions)
+    as_int8, as_float32 = uncounted(as_int8), uncounted(as_float32)
     lows, gathered = np.empty(BLOCK, np.uint32), np.empty(GATHERED * BLOCK, np.float32)
     normals = np.empty(3 * BLOCK, np.float64)
     share = 1.0 / units
