@@ -22,7 +22,8 @@ JOURNALS = apsw.SQLITE_OPEN_WAL | apsw.SQLITE_OPEN_MAIN_JOURNAL
 
 Image = dict[str, bytes]
 Fault = Callable[[str, str], None]
-"""Is told of each operation (write, truncate, sync, delete) and its file before it is done; may raise."""
+"""Is told of each operation (write, truncate, sync, delete) and its file before it is done, and may raise; and of each
+sync that is done (synced)."""
 
 
 @dataclass
@@ -136,3 +137,4 @@ class _File(apsw.VFSFile):
         if self.is_new_journal:
             self.is_new_journal = False
             self.disk.sync_folder()
+        self.disk.fault("synced", self.name)
