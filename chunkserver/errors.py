@@ -4,6 +4,7 @@
     ├── BadRequest            the caller's input; the same input fails again
     │   ├── BadKey            a chunk key outside the world
     │   ├── BadRecipe         a recipe that does not exist, parse, or stay inside its limits
+    │   ├── BadStroke         an edit that cannot be read, or passes a limit
     │   └── BadParameter      any other value: a mask, a format, a size that is not built
     ├── WireError             bytes or a mesh that the wire format cannot hold
     ├── StoreError            what is kept on disk cannot be read or written
@@ -51,6 +52,15 @@ class BadRecipe(BadRequest):
     def at(cls, path: str, expected: str, **values: object) -> "BadRecipe":
         """Return the error that says what is wrong with the node at `path`, as the user would write it: `a.b`."""
         return cls(f"recipe: at {path or 'the root'}: {expected}", path=path, expected=expected, **values)
+
+
+class BadStroke(BadRequest):
+    """An edit that cannot be read, or passes a limit."""
+
+    @classmethod
+    def at(cls, path: str, expected: str, **values: object) -> "BadStroke":
+        """Return the error that says what is wrong at `path`, as the user would write it: `strokes.3.radius`."""
+        return cls(f"edit: at {path}: {expected}", path=path, expected=expected, **values)
 
 
 class BadParameter(BadRequest):

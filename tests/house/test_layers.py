@@ -29,7 +29,7 @@ HEIGHT = {unit: height for height, line in enumerate(LINES) for unit in line}
 OUTSIDE = ("server", "commands", "__main__")
 ONLY_IN = {
     **dict.fromkeys(("asyncio", "fastapi", "starlette", "uvicorn", "httpx", "httpx2", "typer"), OUTSIDE),
-    **dict.fromkeys(("pydantic", "pydantic_core"), ("recipe", "server")),
+    **dict.fromkeys(("pydantic", "pydantic_core"), ("recipe", "edits", "server")),
     **dict.fromkeys(("numba", "llvmlite"), ("kernel",)),
     "apsw": ("store",),
     **dict.fromkeys(("lmdb", "prometheus_client", "pydantic_settings"), ("server",)),

@@ -1,0 +1,115 @@
+"""An edit: strokes that are applied as one, read from JSON values and written as the bytes that a log keeps."""
+
+import json
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from chunkserver.edits.arena import BRICK_BITS
+from chunkserver.edits.brushes import brush
+from chunkserver.edits.strokes import KINDS, OPS, SHAPES, Stroke
+from chunkserver.errors import BadStroke
+
+STROKES_MAX: Final = 1000
+"""In one edit."""
+STROKE_SAMPLES_MAX: Final = 1 << 22
+"""Lattice points that one stroke may change: 20 bytes each while it is folded."""
+EDIT_SAMPLES_MAX: Final = 1 << 24
+"""Of all strokes of an edit together: what bounds the time that it takes."""
+EDIT_BRICKS_MAX: Final = 1 << 15
+"""Bricks that these meet, those of each stroke counted: what bounds the memory that it takes, 512 MiB."""
+SOURCE_BYTES_MAX: Final = 1 << 23
+"""Of an edit's source: room for the largest deltas, which are 1.4 MB each, five times."""
+VALUE_CHARACTERS_MAX: Final = 80
+"""Of a value that is named in an error."""
+
+_EXPECTED: Final = {
+    "extra_forbidden": "is no field of this stroke",
+    "missing": "should be there",
+    "tuple_type": "should be a list",
+    "finite_number": "should be a finite number",
+}
+"""What pydantic says in words of its own, in words of strokes. Keyed by its error types."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """One or more strokes, in their order.
+
+    source: the strokes as canonical JSON, a list: defaults written out, keys sorted. Equal edits have equal sources.
+    """
+
+    source: bytes
+    strokes: tuple[Stroke, ...] = field(compare=False, repr=False)
+
+    @classmethod
+    def of(cls, strokes: object) -> "Edit":
+        """Return the edit of a list of strokes, given as values of JSON.
+
+        Raises `BadStroke` that names the path, what was expected and the value: `strokes.3.radius`.
+        """
+        if not isinstance(strokes, list) or not 1 <= len(strokes) <= STROKES_MAX:
+            count = len(strokes) if isinstance(strokes, list) else None
+            raise BadStroke.at("strokes", f"should be a list of 1 to {STROKES_MAX} strokes", strokes=count)
+        read = tuple(_stroke(f"strokes.{number}", value) for number, value in enumerate(strokes))
+        _check_extent(read)
+        plain = [stroke.model_dump() for stroke in read]
+        source = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+        _check_length(source)
+        return cls(source, read)
+
+    @classmethod
+    def read(cls, source: bytes) -> "Edit":
+        """Return the edit of a source. Raises `BadStroke` as `of` does, and for what is no JSON or too long."""
+        _check_length(source)
+        try:
+            strokes = json.loads(source)
+        except (ValueError, RecursionError) as error:
+            raise BadStroke(f"the edit is not JSON: {error}") from None
+        return cls.of(strokes)
+
+
+def _check_length(source: bytes) -> None:
+    if len(source) > SOURCE_BYTES_MAX:
+        raise BadStroke(f"the edit has {len(source)} bytes; the limit is {SOURCE_BYTES_MAX}", bytes=len(source))
+
+
+def _stroke(path: str, value: object) -> Stroke:
+    if not isinstance(value, dict):
+        raise _bad(path, "should be an object with an op", value)
+    op, shape = value.get("op"), value.get("shape")
+    if op not in ("delta", *OPS):
+        raise _bad(f"{path}.op", f"should be one of {', '.join((*OPS, 'delta'))}", op)
+    if op in OPS and shape not in tuple(SHAPES):
+        raise _bad(f"{path}.shape", f"should be one of {', '.join(SHAPES)}", shape)
+    try:
+        return KINDS[op, shape if op in OPS else None].model_validate(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+    said = first["msg"].removeprefix("Input ").removeprefix("Value error, ")
+    where = ".".join((path, *map(str, first["loc"])))
+    whole = first["type"] == "value_error" and not first["loc"]
+    raise _bad(where, _EXPECTED.get(first["type"], said), "" if whole else first["input"])
+
+
+def _bad(path: str, expected: str, value: Any) -> BadStroke:
+    """Return the error that names a value, or as much of it as is fit to print."""
+    said = repr(value)[:VALUE_CHARACTERS_MAX]
+    return BadStroke.at(path, f"{expected}; it is {said}", value=said)
+
+
+def _check_extent(strokes: tuple[Stroke, ...]) -> None:
+    """Raise `BadStroke` if a stroke, or all of them, may change more lattice points or bricks than is allowed."""
+    total = bricks = 0
+    for number, stroke in enumerate(strokes):
+        box = brush(stroke).box
+        count = box.points
+        total, bricks = total + count, bricks + box.cubes(BRICK_BITS).points
+        if count > STROKE_SAMPLES_MAX:
+            expected = f"the stroke reaches over {count} lattice points; the limit is {STROKE_SAMPLES_MAX}"
+            raise BadStroke.at(f"strokes.{number}", expected, samples=count)
+    if total > EDIT_SAMPLES_MAX:
+        raise BadStroke.at("strokes", f"they reach over {total} lattice points; the limit is {EDIT_SAMPLES_MAX}")
+    if bricks > EDIT_BRICKS_MAX:
+        raise BadStroke.at("strokes", f"they reach over {bricks} bricks; the limit is {EDIT_BRICKS_MAX}")
