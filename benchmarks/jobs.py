@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from benchmarks import (
     cores,
+    edit_log,
     extraction,
     growth,
     levels,
@@ -57,6 +58,7 @@ JOBS: Final = {
         _job("Workers", pool),
         _job("Requests", service),
         _job("Overload", overload),
+        _job("The log of edits", edit_log),
         _job("Start and memory", startup),
     )
 }
