@@ -62,8 +62,10 @@ def serving(folder: Path) -> Iterator[Server]:
     """Run the program, for SECONDS_MAX at most."""
     address = str(folder / "socket")
     command = [sys.executable, "-m", "tests.fault.log_program", str(folder / "worlds"), address]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as program:
-        watchdog = threading.Timer(SECONDS_MAX, program.kill)
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as program:
+        watchdog = threading.Timer(SECONDS_MAX, os.killpg, (program.pid, signal.SIGKILL))
         watchdog.start()
         try:
             server = Server(program, address)
@@ -73,7 +75,8 @@ def serving(folder: Path) -> Iterator[Server]:
             assert program.wait(SECONDS_MAX) == 0
         finally:
             watchdog.cancel()
-            program.kill()
+            with suppress(ProcessLookupError):
+                os.killpg(program.pid, signal.SIGKILL)
 
 
 @dataclass
@@ -89,7 +92,7 @@ class Client:
     duplicates: int = 0
 
     def run(self) -> "Client":
-        while not self.is_done():
+        while not self.is_done() and self.server.program.poll() is None:
             with suppress(ConnectionError), socket.socket(socket.AF_UNIX) as connection:
                 connection.settimeout(SECONDS_MAX)
                 connection.connect(self.server.address)
@@ -142,7 +145,7 @@ def all_edits(log: EditLog) -> list[Edit]:
 
 def test_clients_that_send_again_lose_nothing_and_double_nothing(tmp_path):
     chance = random.Random(SEED)
-    with serving(tmp_path) as server, ThreadPoolExecutor(CLIENTS) as threads:
+    with ThreadPoolExecutor(CLIENTS) as threads, serving(tmp_path) as server:
         clients = [Client(server, f"c{number}", random.Random(chance.random())) for number in range(CLIENTS)]
         runs = [threads.submit(client.run) for client in clients]
         kill_again_and_again(server, chance)
