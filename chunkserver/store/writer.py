@@ -50,11 +50,12 @@ class Writer:
             if len(self._waiting) >= DRAFTS_WAITING_MAX or self._bytes + draft.weight > BYTES_WAITING_MAX:
                 message = f"{len(self._waiting)} edits of {self._bytes} bytes wait to be written, which is the limit"
                 raise Overloaded(message, waiting=len(self._waiting))
+            if self._thread is None:
+                thread = threading.Thread(target=self._run, name="edits")
+                thread.start()
+                self._thread = thread
             self._waiting.append((draft, future))
             self._bytes += draft.weight
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="edits")
-                self._thread.start()
             self._changed.notify()
         return future
 

@@ -130,6 +130,20 @@ def test_closing_writes_what_was_taken(log):
     one.close()
 
 
+def test_a_thread_that_cannot_be_started_takes_no_draft(log, monkeypatch):
+    def refuse(_self):
+        raise RuntimeError("can't start new thread")
+
+    log.let_through.release(10)
+    with closing(Writer(log.append)) as one:
+        monkeypatch.setattr(threading.Thread, "start", refuse)
+        with pytest.raises(RuntimeError, match="new thread"):
+            one.submit(draft(b"refused"))
+        monkeypatch.undo()
+        assert one.submit(draft(b"taken")).result(SECONDS_MAX)
+    assert log.batches == [[b"taken"]]
+
+
 def test_one_that_nobody_used_has_no_thread(log):
     before = threading.active_count()
     with closing(Writer(log.append)):
