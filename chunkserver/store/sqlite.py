@@ -80,6 +80,10 @@ class Database:
             self._writer.execute("BEGIN IMMEDIATE")
             try:
                 yield self._writer
+            except apsw.IOError as error:  # a long transaction writes to the log, and syncs it, before its end
+                self._stop(error)
+                self._roll_back()
+                raise
             except BaseException:
                 self._roll_back()
                 raise
@@ -89,6 +93,8 @@ class Database:
     def read(self) -> Iterator[apsw.Connection]:
         """What is committed, as of one moment. Keep it short: what is read is not given back to the disk meanwhile.
 
+        Read each answer to its end, or close it: one that is left open keeps the moment, for the next reader too.
+
         Raises `StoreError`.
         """
         with self._reading, told(self.path):
@@ -96,7 +102,8 @@ class Database:
             try:
                 yield self._reader
             finally:
-                self._reader.execute("ROLLBACK")
+                if self._reader.in_transaction:  # SQLite has ended it after some errors
+                    self._reader.execute("ROLLBACK")
 
     def close(self) -> None:
         """Give the folder back. What was written is on the disk already."""
@@ -199,6 +206,7 @@ def _prepare(connection: apsw.Connection, path: str) -> None:
     connection.set_busy_timeout(BUSY_MS_MAX)
     found = _format(connection, path)
     _make_safe(connection, path)
+    _sync_what_was_left(connection, path)
     if found == FORMAT:
         return
     connection.execute("BEGIN IMMEDIATE")
@@ -207,6 +215,14 @@ def _prepare(connection: apsw.Connection, path: str) -> None:
     connection.pragma("application_id", APPLICATION_ID)
     connection.pragma("user_version", FORMAT)
     connection.execute("COMMIT")
+
+
+def _sync_what_was_left(connection: apsw.Connection, path: str) -> None:
+    """Have on the disk what a server that was killed had written, but not synced. SQLite takes it for committed."""
+    try:
+        connection.wal_checkpoint(mode=apsw.SQLITE_CHECKPOINT_TRUNCATE)
+    except apsw.FullError as error:  # the log is synced before it is copied: it is safe, and stays long
+        _log.warning("%s: the write-ahead log stays long: %s", path, error)
 
 
 def _format(connection: apsw.Connection, path: str) -> int:

@@ -2,13 +2,15 @@
 
     with Disk(fault) as disk:          every connection that is opened meanwhile writes through it
         ...
-        image = disk.after_power_loss(rng)
+        image = disk.after_power_loss(rng)     or disk.after_kill()
 
 What was synced is there after a loss of power. Of what was written since, each sector is there, or is not, or is there
-in part, in no order; of files that came or went without a sync of their folder, likewise.
+in part, in no order; of files that came or went without a sync of their folder, likewise. A process that is killed
+leaves all that it has written, but what it had not synced may be lost later still.
 """
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +22,6 @@ NAME = "disk"
 UNDER = "unix"
 JOURNALS = apsw.SQLITE_OPEN_WAL | apsw.SQLITE_OPEN_MAIN_JOURNAL
 
-Image = dict[str, bytes]
 Fault = Callable[[str, str], None]
 """Is told of each operation (write, truncate, sync, delete) and its file before it is done, and may raise; and of each
 sync that is done (synced)."""
@@ -33,11 +34,16 @@ class Content:
     synced: bytes = b""
     since: list[tuple[int, bytes | None]] = field(default_factory=list)
 
-    def sync(self) -> None:
+    @property
+    def whole(self) -> bytes:
+        """What a process reads in it."""
         kept = bytearray(self.synced)
         for place, written in self.since:
             change(kept, place, written)
-        self.synced, self.since = bytes(kept), []
+        return bytes(kept)
+
+    def sync(self) -> None:
+        self.synced, self.since = self.whole, []
 
     def torn(self, rng: np.random.Generator) -> bytes:
         """Return what may be left of it without power."""
@@ -65,18 +71,30 @@ def change(kept: bytearray, place: int, written: bytes | None) -> None:
         kept[place : place + len(written)] = written
 
 
+@dataclass
+class Image:
+    """The files in the folder, by name; and those that are there without power too."""
+
+    entries: dict[str, Content] = field(default_factory=dict)
+    durable_entries: dict[str, Content] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> None:
+        for name, content in self.entries.items():
+            (folder / name).write_bytes(content.whole)
+
+
 class Disk(apsw.VFS):
     """The default file system of SQLite while the block lasts.
 
     fault: see there.
-    image: what the files have at the start, by name; they must be there already.
+    image: what the files have at the start; they must be there already.
     synced: whether a sync goes on to the real disk too.
     """
 
     def __init__(self, fault: Fault = lambda *_: None, image: Image | None = None, synced: bool = False) -> None:
         self.fault, self.synced = fault, synced
-        self.entries = {name: Content(content) for name, content in (image or {}).items()}
-        self.durable_entries = dict(self.entries)
+        found = deepcopy(image or Image())
+        self.entries, self.durable_entries = found.entries, found.durable_entries
         super().__init__(NAME, UNDER, makedefault=True)
 
     def __enter__(self) -> "Disk":
@@ -100,12 +118,16 @@ class Disk(apsw.VFS):
 
     def after_power_loss(self, rng: np.random.Generator) -> Image:
         """Return what is in the folder when the power is back."""
-        image = {}
+        left = {}
         for name in sorted({*self.entries, *self.durable_entries}):
             entries = self.entries if rng.random() < 0.5 else self.durable_entries
             if name in entries:
-                image[name] = entries[name].torn(rng)
-        return image
+                left[name] = Content(entries[name].torn(rng))
+        return Image(left, left)
+
+    def after_kill(self) -> Image:
+        """Return what is in the folder when the process is gone."""
+        return deepcopy(Image(self.entries, self.durable_entries))
 
 
 class _File(apsw.VFSFile):

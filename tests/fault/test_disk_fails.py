@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from chunkserver.errors import StoreError, StoreFull
-from chunkserver.store import Store, sqlite
+from chunkserver.store import Draft, Store, sqlite
+from chunkserver.store.log import EDIT_BYTES_MAX
+from chunkserver.world import World
 from tests.fault.disk import Disk
-from tests.fault.history import History
+from tests.fault.history import PLANE, History
 from tests.scale import TORTURE
 
 STEPS = 14
@@ -124,6 +126,25 @@ def test_a_disk_that_fails_once_is_not_trusted_again(tmp_path, kinds, extended):
                 assert all("until a restart" in error.message for error in refusals[1:])
         restarted(folder, possible)
     assert stopped > 2
+
+
+def test_a_disk_that_fails_before_the_end_of_a_long_transaction_is_not_trusted_again(tmp_path):
+    """One that is larger than SQLite's memory begins the log, and syncs its beginning, long before the commit."""
+    world = World(id="w", recipe=PLANE, recipe_name="plane", generator="0123")
+    small, large = (
+        Draft(epoch=world.epoch, digest=b"", strokes=bytes(size), stale=b"") for size in (1, EDIT_BYTES_MAX)
+    )
+    with closing(Store(tmp_path)) as store:
+        store.catalogue.create(world)
+    fails = Fails(1, ("sync",), apsw.IOError, apsw.SQLITE_IOERR_FSYNC)
+    with Disk(fails), closing(Store(tmp_path)) as store:
+        with pytest.raises(StoreError, match="a sync that fails"):
+            store.log.append([large])
+        with pytest.raises(StoreError, match="until a restart"):
+            store.log.append([small])
+        assert store.log.revision(world.epoch) == 0
+    with closing(Store(tmp_path)) as store:
+        assert store.log.append([small])[0] == (1, b"", False)
 
 
 @pytest.mark.parametrize("times", [1, 40])

@@ -1,4 +1,6 @@
-"""The power goes at any moment of the store's life, its recovery included. What it had acknowledged is there again."""
+"""The power goes at any moment of the store's life, its recovery included; or the process is killed, and then the power
+goes. What was acknowledged is there again.
+"""
 
 import shutil
 from contextlib import closing
@@ -9,15 +11,18 @@ import apsw
 import numpy as np
 import pytest
 
-from chunkserver.store import Store, sqlite
-from tests.fault.disk import Disk, Image
-from tests.fault.history import History
+from chunkserver.store import Draft, Store, sqlite
+from chunkserver.world import World
+from tests.fault.disk import Content, Disk, Image
+from tests.fault.history import PLANE, History
 from tests.scale import count
 
 CRASHES = max(300, count(10_000))
 LIVES_OF_A_FILE = 25
 OPERATIONS_MAX = 160
 STEPS_MAX = 12
+KILLED = 0.3
+"""Of the lives, how many end without a loss of power."""
 
 
 class LostError(AssertionError):
@@ -34,15 +39,15 @@ def lives(folder: Path, rng: np.random.Generator, crashes: int) -> None:
     """Have a store live and lose its power, so many times. Raises `LostError` if it breaks its word."""
     for number in range(crashes):
         if number % LIVES_OF_A_FILE == 0:
-            image: Image = {}
+            image = Image()
             possible = [History()]
         image, possible = life(folder / str(number), image, possible, rng)
 
 
 def life(folder: Path, image: Image, possible: list[History], rng: np.random.Generator) -> tuple[Image, list[History]]:
-    """Open the store on what the disk has, look at it, use it until the power goes.
+    """Open the store on what the disk has, look at it, use it until the power goes or it is killed.
 
-    possible: what it may be: as it was when the power went, with or without what was just being done.
+    possible: what it may be: as it was when that happened, with or without what was just being done.
 
     Returns what the disk has then, and what that may be.
     """
@@ -53,11 +58,13 @@ def life(folder: Path, image: Image, possible: list[History], rng: np.random.Gen
         nonlocal left
         left -= 1
         if left == 0:
-            lost.append((disk.after_power_loss(rng), possible))
+            lost.append((end(), possible))
+
+    def end() -> Image:
+        return disk.after_kill() if rng.random() < KILLED else disk.after_power_loss(rng)
 
     folder.mkdir()
-    for name, content in image.items():
-        (folder / name).write_bytes(content)
+    image.write(folder)
     with Disk(pull_plug, image) as disk:
         with closing(Store(folder)) as store:
             if not lost:
@@ -70,7 +77,7 @@ def life(folder: Path, image: Image, possible: list[History], rng: np.random.Gen
                 action(store)
                 possible = possible if lost else [after]
         if not lost:
-            lost.append((disk.after_power_loss(rng), possible))
+            lost.append((end(), possible))
     shutil.rmtree(folder)
     return lost[0]
 
@@ -87,6 +94,32 @@ def as_it_is(store: Store, possible: list[History], rng: np.random.Generator) ->
 
 def test_what_was_acknowledged_outlives_the_power(tmp_path, rng):
     lives(tmp_path, rng, CRASHES)
+
+
+def test_what_a_killed_server_had_not_synced_is_synced_before_it_is_acknowledged(tmp_path):
+    """Its edit is in the log, but not on the disk. The next server says that it was written: then it has to be."""
+    world = World(id="w", recipe=PLANE, recipe_name="plane", generator="0123")
+    draft = Draft(epoch=world.epoch, digest=b"", strokes=b"x", stale=b"", client="c", seq=1)
+    before_syncs: list[Image] = []
+    folders = [tmp_path / name for name in ("killed", "next", "last")]
+
+    def look(kind: str, _name: str) -> None:
+        if kind == "sync":
+            before_syncs.append(disk.after_kill())
+
+    with Disk(look) as disk, closing(Store(folders[0])) as store:
+        store.catalogue.create(world)
+        store.log.append([draft])
+        killed = before_syncs[-1]
+    folders[1].mkdir()
+    killed.write(folders[1])
+    with Disk(image=killed) as disk, closing(Store(folders[1])) as store:
+        assert store.log.append([draft]) == [(1, b"", True)]
+        left = {name: Content(content.synced) for name, content in disk.durable_entries.items()}
+    folders[2].mkdir()
+    Image(left).write(folders[2])
+    with closing(Store(folders[2])) as store:
+        assert store.log.revision(world.epoch) == 1
 
 
 class Careless(apsw.Connection):
