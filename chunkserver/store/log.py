@@ -7,6 +7,7 @@ A world is named by its epoch. Strokes and what they make stale are bytes that m
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -154,12 +155,12 @@ class EditLog:
             if after < tail.floor:
                 message = f"after is {after}; edits up to {tail.floor} are not kept one by one any more"
                 raise BadParameter(message, after=after, floor=tail.floor)
-            rows = connection.execute(
+            query = (
                 "SELECT revision, strokes, stale, client, seq FROM edits WHERE world = ? AND revision > ?"
-                " ORDER BY revision LIMIT ?",
-                (tail.world, after, limit),
+                " ORDER BY revision LIMIT ?"
             )
-            return list(_up_to(READ_BYTES_MAX, map(Edit._make, rows)))
+            with closing(connection.execute(query, (tail.world, after, limit))) as rows:
+                return list(_up_to(READ_BYTES_MAX, map(Edit._make, rows)))
 
     def revision(self, epoch: str) -> int:
         """Return how many edits a world has taken. Raises `WorldGone` or `StoreError`."""
@@ -205,12 +206,10 @@ class EditLog:
 
 
 _COMPACT: Final = (
-    """UPDATE clients SET (seq, revision) = (
-        SELECT max(seq), max(revision) FROM edits
-        WHERE world = :world AND client = clients.client AND revision <= :floor
-    ) WHERE world = :world AND client IN (
-        SELECT client FROM edits WHERE world = :world AND revision <= :floor
-    )""",
+    """UPDATE clients SET seq = folded.seq, revision = folded.revision FROM (
+        SELECT client, max(seq) AS seq, max(revision) AS revision FROM edits
+        WHERE world = :world AND revision <= :floor AND client IS NOT NULL GROUP BY client
+    ) AS folded WHERE world = :world AND clients.client = folded.client""",
     """UPDATE keys SET stale = (SELECT stale FROM edits WHERE world = :world AND revision = keys.revision)
     WHERE world = :world AND revision <= :floor AND stale IS NULL""",
     "DELETE FROM edits WHERE world = :world AND revision <= :floor",
@@ -241,7 +240,7 @@ class _Transaction:
         try:
             tail = self._tails.get(draft.epoch) or _tail(self._connection, draft.epoch)
             self._tails[draft.epoch] = tail
-            return self._sent_before(tail, draft) or self._known_key(tail, draft) or self._written(tail, draft)
+            return self._known_key(tail, draft) or self._sent_before(tail, draft) or self._written(tail, draft)
         except (BadParameter, StoreFull, WorldGone) as refusal:
             return refusal
 

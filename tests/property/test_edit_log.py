@@ -37,6 +37,9 @@ class Modelled:
 
     def expected(self, draft: Draft) -> Outcome | type[Exception]:
         """Return what a log has to answer, and take the draft in if it is new."""
+        for revision, edit in self.keyed():
+            if draft.key == edit.key:
+                return self._again(draft, edit, revision)
         if draft.client is not None:
             mine = [(number + 1, edit) for number, edit in enumerate(self.edits) if edit.client == draft.client]
             folded = [revision for revision, _ in mine if revision <= self.floor]
@@ -47,9 +50,6 @@ class Modelled:
                 return Outcome(folded[-1], b"", duplicate=True)
             if mine and (draft.seq or 0) < (mine[-1][1].seq or 0):
                 return BadParameter
-        for revision, edit in self.keyed():
-            if draft.key == edit.key:
-                return self._again(draft, edit, revision)
         known = {edit.client for edit in self.edits} - {None}
         if draft.client not in (None, *known) and len(known) >= CLIENTS_MAX:
             return StoreFull

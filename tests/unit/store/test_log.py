@@ -1,5 +1,6 @@
-from contextlib import closing
+from contextlib import closing, contextmanager
 
+import apsw
 import pytest
 
 from chunkserver.errors import BadParameter, ChunkError, StoreFull, WorldGone
@@ -70,6 +71,23 @@ def test_a_read_is_bounded_in_bytes_too(store, monkeypatch):
     for bytes_max, count in ((2 * size, 2), (3 * size - 1, 2), (size - 1, 1), (1, 1)):
         monkeypatch.setattr(log, "READ_BYTES_MAX", bytes_max)
         assert len(store.log.read(A.epoch, 1)) == count
+
+
+def test_who_reads_next_sees_what_was_written_since(store, monkeypatch):
+    """An answer that is not read to its end, because it is large, keeps no moment of the file for others."""
+    written(store.log, *(draft(bytes(100)) for _ in range(5)))
+    monkeypatch.setattr(log, "READ_BYTES_MAX", 1)
+    database, seen = store._database, []
+
+    class Watched:
+        @contextmanager
+        def read(self):
+            with database.read() as connection:
+                yield connection
+            seen.append(database._reader.txn_state())  # before `EditLog.read` has returned
+
+    assert len(EditLog(Watched()).read(A.epoch, 0)) == 1
+    assert seen == [apsw.SQLITE_TXN_NONE]
 
 
 def test_a_seq_that_comes_again_gets_its_first_answer(store):
@@ -156,6 +174,25 @@ def test_revisions_go_on_behind_a_floor(store):
     assert written(store.log, draft(b"3"))[0].revision == 3
 
 
+def test_a_compaction_looks_at_each_edit_a_few_times(store):
+    """However many clients there are. SQLite counts its own instructions."""
+    counted = 0
+
+    def another():
+        nonlocal counted
+        counted += 1
+        return False
+
+    edits = 500
+    for number in range(edits):
+        written(store.log, draft(client=f"c{number}", seq=number))
+    store._database._writer.set_progress_handler(another, 100)
+    store.log.compact(A.epoch, edits, [])
+    store._database._writer.set_progress_handler(None)
+    assert edits / 100 < counted < edits * 2
+    assert (store.log.mark(A.epoch, "c0"), store.log.mark(A.epoch, f"c{edits - 1}")) == (0, edits - 1)
+
+
 @pytest.mark.parametrize("floor", [1, 4])
 def test_what_can_be_no_floor(store, floor):
     written(store.log, *(draft() for _ in range(3)))
@@ -182,7 +219,8 @@ def test_seqs_and_keys_outlive_their_edits(store):
     drafts = [draft(b"1", client="c", seq=4), draft(b"2", client="c", seq=6), draft(b"3", client="d", seq=1, key="k")]
     first = written(store.log, *drafts)
     store.log.compact(A.epoch, 3, [])
-    assert written(store.log, draft(b"3", key="k")) == [first[2]._replace(duplicate=True)], "its own answer"
+    for names in ({"key": "k"}, {"key": "k", "client": "d", "seq": 1}, {"key": "k", "client": "c", "seq": 5}):
+        assert written(store.log, draft(b"3", **names)) == [first[2]._replace(duplicate=True)], "its own answer"
     for seq in (4, 5, 6):
         (again,) = written(store.log, draft(b"whatever", client="c", seq=seq))
         assert again == (2, b"", True), "no later than the floor"
