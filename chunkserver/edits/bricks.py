@@ -55,6 +55,23 @@ class Bricks:
         self.revision = revision
         self._at: dict[Key, Brick] = {}
 
+    @classmethod
+    def restored(
+        cls, kept: Iterable[tuple[Key, int, _Ints]], revision: int, lods: int, arena: Arena | None = None
+    ) -> "Bricks":
+        """Return the bricks of a revision as they were kept: of each its key, its revision and its deltas, all levels.
+
+        Raises `StoreFull` if the arena has no room.
+        """
+        bricks = cls(lods, arena, revision)
+        for key, changed, deltas in kept:
+            brick = bricks._at[key] = Brick(bricks.arena)
+            brick.revision = changed
+            brick.deltas[:] = deltas.reshape(BRICK, BRICK, BRICK)
+        there = list(bricks._at.values())
+        summarise(bricks.arena, [None] * len(there), there)
+        return bricks
+
     def __iter__(self) -> Iterator[tuple[Key, Brick]]:
         """Yield all bricks with their keys."""
         yield from self._at.items()
@@ -72,11 +89,11 @@ class Bricks:
         """
         (planes, rows, width), (x, y, z) = shape, low
         box = Box(low, (x + width - 1, y + planes - 1, z + rows - 1))
-        bricks = [self._at.get(key) for key in keys_in(lod, box)]
+        at = self._at
+        bricks = [at.get(key) for key in keys_in(lod, box)]
         there = [brick for brick in bricks if brick]
-        lowest = min((brick.low for brick in there), default=0)
-        highest = max((brick.high for brick in there), default=0)
-        return Reading(*slots_of(bricks, box), min(lowest, 0), max(highest, 0))
+        lowest, highest = min([0, *[brick.low for brick in there]]), max([0, *[brick.high for brick in there]])
+        return Reading(*slots_of(bricks, box), lowest, highest)
 
     def apply(self, edits: Sequence[Edit], revision: int, field: Field) -> "Bricks":
         """Return the bricks after some more edits, in their order; those before do not change.

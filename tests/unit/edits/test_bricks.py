@@ -102,6 +102,19 @@ def test_bricks_never_change(rng):
                 assert older.get(key) is brick
 
 
+def test_what_was_kept_is_restored(rng):
+    """Also in another arena, and goes on from there."""
+    edits = [Edit.of([random_stroke(rng, tuple(rng.uniform(-20, 20, 3)), 4.0)]) for _ in range(6)]
+    bricks = no_bricks(lods=5)
+    for revision, edit in enumerate(edits[:5], start=1):
+        bricks = bricks.apply([edit], revision, flat)
+    kept = [(key, brick.revision, np.frombuffer(brick.deltas.tobytes(), np.int32)) for key, brick in bricks]
+    restored = Bricks.restored(kept, 5, 5, small_arena())
+    assert restored.revision == 5
+    assert contents(restored) == contents(bricks)
+    assert contents(restored.apply([edits[5]], 6, flat)) == contents(bricks.apply([edits[5]], 6, flat))
+
+
 def test_a_brick_has_the_revision_that_changed_it_and_its_bounds():
     first = no_bricks().apply([ball("carve", 0.0)], 1, flat)
     second = first.apply([ball("carve", 0.0), ball("carve", 900.0)], 2, flat)

@@ -5,7 +5,6 @@ import pytest
 
 from chunkserver.edits import Edit, apply
 from chunkserver.edits.boxes import Box
-from tests.reference import strokes_twin as twin
 from tests.strokes import delta_of, dense, no_bricks
 
 FAR = (1 << 39) - 8
@@ -13,12 +12,17 @@ FAR = (1 << 39) - 8
 
 @pytest.mark.parametrize("shape", [(35, 35, 35), (19, 3, 7), (1, 1, 1), (5, 21, 40)])
 @pytest.mark.parametrize("middle", [(0, 0, 0), (-37, 5, -1), (FAR, -FAR, FAR)])
-def test_deltas_are_added_where_they_are(middle, shape, rng):
+@pytest.mark.parametrize("deep", [False, True])
+def test_deltas_are_added_where_they_are(deep, middle, shape, rng):
+    """deep: in a hole that is so far down that float32 cannot hold its deltas."""
     strokes = [
         delta_of(rng, tuple(at + int(by) for at, by in zip(middle, rng.integers(-20, 20, 3), strict=True)), size)
         for size in ((7, 20, 3), (33, 5, 5), (9, 9, 9), (2, 2, 40))
     ]
-    bricks = no_bricks(lods=4).apply([Edit.of(strokes)], 1, lambda box: np.zeros(box.shape, np.float32))
+    if deep:
+        strokes.append({"op": "carve", "shape": "sphere", "center": [at + 0.3 for at in middle], "radius": 12.0})
+    bricks = no_bricks(lods=4).apply([Edit.of(strokes)], 1, lambda box: np.full(box.shape, -60_000 * deep, np.float32))
+    assert any(brick.high > 1 << 24 for _, brick in bricks) is deep
     for lod in range(4):
         for _ in range(10):
             low = tuple((at >> lod) + int(by) for at, by in zip(middle, rng.integers(-24, 8, 3), strict=True))
@@ -32,12 +36,6 @@ def test_deltas_are_added_where_they_are(middle, shape, rng):
             assert np.array_equal(found, wanted)
             assert reading.low <= deltas.min()
             assert reading.high >= deltas.max()
-
-
-def test_one_expression_for_a_density():
-    assert twin.density(lambda _: float(np.float32(0.1)), lambda _: 5, (0, 0, 0)) == float(
-        np.float32(np.float64(np.float32(0.1)) + 5 / 1024)
-    )
 
 
 def test_nothing_is_read_where_nothing_was_edited(rng):
