@@ -109,7 +109,9 @@ def test_a_source_is_read_again(rng):
     again = Edit.read(edit.source)
     assert again == edit
     assert again.strokes == edit.strokes
-    assert Edit.of(json.loads(edit.source)).source == edit.source
+    plain = json.loads(edit.source)
+    assert Edit.of(plain).source == edit.source
+    assert json.dumps(plain, sort_keys=True, separators=(",", ":")).encode() == edit.source
 
 
 def test_equal_edits_have_equal_sources():
