@@ -129,6 +129,6 @@ def dense(bricks: Bricks, lod: int, box: Box) -> NDArray[np.int32]:
     for (level, *place), brick in bricks:
         low = tuple(16 * at for at in place)
         points = Box((low[0], low[1], low[2]), (low[0] + 15, low[1] + 15, low[2] + 15))
-        if level == lod and points.meets(box):
+        if level == lod and points.shared(box).points:
             deltas[points.part_of(box)] = brick.deltas[box.part_of(points)]
     return deltas

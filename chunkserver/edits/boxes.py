@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-from chunkserver.grid import LATTICE_MAX
-
 Place = tuple[int, int, int]
 """A lattice point: x, y, z, in steps of its level."""
 
@@ -30,10 +28,6 @@ class Box(NamedTuple):
         """Return the box with so many more points on each side."""
         (x, y, z), (u, v, w) = self
         return Box((x - by, y - by, z - by), (u + by, v + by, w + by))
-
-    def meets(self, other: "Box") -> bool:
-        """Return whether there is a point in both."""
-        return all(map(int.__le__, self.low, other.high)) and all(map(int.__le__, other.low, self.high))
 
     def shared(self, other: "Box") -> "Box":
         """Return the points that are in both."""
@@ -69,6 +63,3 @@ class Box(NamedTuple):
         """Return the points of the level below that points of this box read."""
         (x, y, z), (u, v, w) = self
         return Box((2 * x - 1, 2 * y - 1, 2 * z - 1), (2 * u + 1, 2 * v + 1, 2 * w + 1))
-
-
-WORLD = Box((-LATTICE_MAX,) * 3, (LATTICE_MAX,) * 3)

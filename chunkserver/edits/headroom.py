@@ -13,16 +13,7 @@ from chunkserver.edits.boxes import Box
 from chunkserver.edits.bricks import Bricks, Key, keys_in
 from chunkserver.edits.brushes import brush
 from chunkserver.edits.edit import Edit
-from chunkserver.edits.strokes import (
-    DELTA_MAX,
-    FIELD_MAX,
-    UNITS_PER_VOXEL,
-    Add,
-    Delta,
-    Flatten,
-    Smooth,
-    Stroke,
-)
+from chunkserver.edits.strokes import DELTA_MAX, FIELD_MAX, UNITS_PER_VOXEL, Add, Delta, Flatten, Smooth, Stroke
 from chunkserver.errors import BadStroke
 
 FIELD_UNITS: Final = FIELD_MAX * UNITS_PER_VOXEL
