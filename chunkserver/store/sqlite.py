@@ -39,7 +39,7 @@ _log: Final = logging.getLogger(__name__)
 class Database:
     """The file of worlds in `folder`, which is made if need be; in memory only, without a folder.
 
-    Safe in any thread. A commit that fails, but for want of room, leaves doubt about what the disk has: from then on
+    Safe in any thread. A write that fails, but for want of room, leaves doubt about what the disk has: from then on
     nothing is written any more until a restart, while reads go on.
 
     folder: None if nothing is kept.
@@ -151,8 +151,7 @@ class Database:
         """Write no more. A sync that failed may have lost earlier writes, and the next one would not say so."""
         _log.critical("%s: nothing is written any more until a restart: %s", self.path, error)
         self._failed = str(error)
-        self._writer.config(apsw.SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1)
-        self._reader.config(apsw.SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1)
+        self._writer.config(apsw.SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1)  # it is closed last
 
 
 @contextmanager

@@ -1,7 +1,9 @@
 """The disk fails, or is full, at every single write and sync of a run: nothing is acknowledged that is not there."""
 
 import shutil
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from chunkserver.errors import StoreError, StoreFull
 from chunkserver.store import Draft, Store, sqlite
 from chunkserver.store.log import EDIT_BYTES_MAX
+from chunkserver.store.sqlite import FILE_NAME
 from chunkserver.world import World
 from tests.fault.disk import Disk
 from tests.fault.history import PLANE, History
@@ -21,6 +24,7 @@ STEPS = 14
 STRIDE = 1 if TORTURE else 13
 """Between two places where a write fails. Syncs are few: each of them fails in every run."""
 OPERATIONS_MAX = 2000
+SECONDS_MAX = 20.0
 SEED = 5
 """Of what is done: the same in every run, so that each has the operations of the one before."""
 
@@ -145,6 +149,59 @@ def test_a_disk_that_fails_before_the_end_of_a_long_transaction_is_not_trusted_a
         assert store.log.revision(world.epoch) == 0
     with closing(Store(tmp_path)) as store:
         assert store.log.append([small])[0] == (1, b"", False)
+
+
+def test_a_disk_that_fails_while_somebody_reads(tmp_path):
+    """The reader's connection is busy: what failed is told all the same."""
+    reading, over = threading.Event(), threading.Event()
+
+    def linger(*_: object) -> int:
+        reading.set()
+        return over.wait(SECONDS_MAX)
+
+    def read(store: Store) -> bool:
+        with store._database.read() as connection:
+            connection.create_scalar_function("linger", linger)
+            return bool(connection.execute("SELECT linger()").get)
+
+    action, _ = History().step(np.random.default_rng(SEED))
+    with Disk(Fails(1, ("sync",), apsw.IOError, apsw.SQLITE_IOERR_FSYNC)) as disk:
+        fault, disk.fault = disk.fault, lambda *_: None
+        with closing(Store(tmp_path)) as store, ThreadPoolExecutor(1) as threads:
+            lingering = threads.submit(read, store)
+            try:
+                assert reading.wait(SECONDS_MAX)
+                disk.fault = fault
+                for said in ("a sync that fails", "until a restart.*a sync that fails"):
+                    with pytest.raises(StoreError, match=said):
+                        action(store)
+            finally:
+                over.set()
+            assert lingering.result(SECONDS_MAX)
+
+
+def test_a_server_that_was_killed_starts_on_a_full_disk(tmp_path):
+    """What it had written is synced, though there is no room to copy it into the file."""
+    world = World(id="w", recipe=PLANE, recipe_name="plane", generator="0123")
+    draft = Draft(epoch=world.epoch, digest=b"", strokes=b"x", stale=b"")
+    done: list[tuple[str, str]] = []
+    full = Fails(1, ("write",), apsw.FullError, apsw.SQLITE_FULL, OPERATIONS_MAX)
+
+    def fault(kind: str, name: str) -> None:
+        done.append((kind, name))
+        full(kind, name)
+
+    with closing(Store(tmp_path / "killed")) as store:
+        store.catalogue.create(world)
+        store.log.append([draft])
+        shutil.copytree(tmp_path / "killed", tmp_path / "next")
+    with Disk(fault), closing(Store(tmp_path / "next")) as store:
+        assert done[:3] == [("sync", f"{FILE_NAME}-wal"), ("synced", f"{FILE_NAME}-wal"), ("write", FILE_NAME)]
+        assert store.log.revision(world.epoch) == 1
+        with pytest.raises(StoreFull):
+            store.log.append([draft])
+        full.times = 0
+        assert store.log.append([draft]) == [(2, b"", False)]
 
 
 @pytest.mark.parametrize("times", [1, 40])
