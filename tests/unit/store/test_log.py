@@ -78,15 +78,16 @@ def test_who_reads_next_sees_what_was_written_since(store, monkeypatch):
     written(store.log, *(draft(bytes(100)) for _ in range(5)))
     monkeypatch.setattr(log, "READ_BYTES_MAX", 1)
     database, seen = store._database, []
+    read = database.read
 
-    class Watched:
-        @contextmanager
-        def read(self):
-            with database.read() as connection:
-                yield connection
-            seen.append(database._reader.txn_state())  # before `EditLog.read` has returned
+    @contextmanager
+    def watched():
+        with read() as connection:
+            yield connection
+        seen.append(database._reader.txn_state())  # before `EditLog.read` has returned
 
-    assert len(EditLog(Watched()).read(A.epoch, 0)) == 1
+    monkeypatch.setattr(database, "read", watched)
+    assert len(store.log.read(A.epoch, 0)) == 1
     assert seen == [apsw.SQLITE_TXN_NONE]
 
 
