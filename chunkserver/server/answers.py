@@ -161,10 +161,11 @@ class Answers:
     def keep(self, wanted: Asked, plan: Plan, reply: Reply) -> None:
         """Keep the head of `reply`, which `plan` has just made, as long as that holds and is of the same age.
 
-        The body is in the cache, under the tag. A reply that shows no version of a chunk is not kept.
+        The body is in the cache, under the tag. A reply that shows no version of a chunk is not kept, nor one whose
+        chunk was edited while it was built.
         """
         weight, version = _bytes(wanted.key), reply.version
-        if version is None or weight > KEY_BYTES_MAX or not plan.holds():
+        if version is None or weight > KEY_BYTES_MAX or not (plan.holds() and plan.is_current(version)):
             return
         entry = self._kept.get(wanted.key)
         if entry is None:

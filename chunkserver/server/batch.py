@@ -136,7 +136,7 @@ async def seed_batch(
 async def world_batch(
     world: WorldId, query: Annotated[WorldAnyQuery, Query()], request: Request, service: ServiceOfApp
 ) -> Response:
-    """Chunks of a world in one answer, each as soon as it is ready, nearest first; all of one revision."""
+    """Chunks of a world in one answer, each as soon as it is ready, nearest first, as it is by then."""
     batch = parsed(Batch, await json_body(request, BODY_BYTES_MAX))
     plan = await world_plan(service.worlds, world, query, _encoding(batch, query))
     revision = service.worlds.find(world).revision

@@ -115,6 +115,10 @@ class Plan:
         revision = self.last_edit(key)
         return Version(key, revision, self.tag(key, revision))
 
+    def is_current(self, version: Version) -> bool:
+        """Return whether `current` returns `version` by now."""
+        return version.revision == self.last_edit(version.key)
+
     def shown(self, asked: Version, chunk: Chunk) -> Version:
         """Return the version that `chunk` is, built for `asked`: a later one, if it was edited meanwhile."""
         if chunk.revision == asked.revision:

@@ -37,9 +37,7 @@ class WorldStore:
 
         Raises `UnknownWorld`, or `OtherGenerator` if this server would make other terrain of it.
         """
-        world = self._catalogue.find(name)
-        if world is None:
-            raise UnknownWorld(f"there is no world {name!r}", world=name)
+        world = self._kept(name)
         check_generator_of(world)
         return world
 
@@ -54,7 +52,7 @@ class WorldStore:
 
     def revision(self, name: str) -> int:
         """Return how many edits the world whose id is `name` has taken. Raises `UnknownWorld`."""
-        return self.find(name).revision
+        return self._kept(name).revision
 
     async def at_revision(self, name: str, revision: int) -> World:
         """Return the world whose id is `name` when it has `revision`. Raises what `find` does, and `DeadlinePassed`."""
@@ -82,6 +80,12 @@ class WorldStore:
         """Finish what is being written, and give the folder back."""
         await asyncio.to_thread(self._writer.shutdown)
         self._store.close()
+
+    def _kept(self, name: str) -> World:
+        world = self._catalogue.find(name)
+        if world is None:
+            raise UnknownWorld(f"there is no world {name!r}", world=name)
+        return world
 
     async def _write(self, change: Callable[[], _Written]) -> _Written:
         written = await asyncio.get_running_loop().run_in_executor(self._writer, change)

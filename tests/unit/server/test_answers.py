@@ -20,13 +20,13 @@ def wanted_of(path, query=b"", headers=()):
 TEMPLATE = ChunkRequest(WorldRecipe(42, builtin("terrain")), ChunkKey(0, 0, 0, 0), encoding=Encoding("glb"))
 
 
-def plan_of(holds=lambda: True, age=lambda: 0):
+def plan_of(holds=lambda: True, age=lambda: 0, **more):
     headers = {
         "Cache-Control": "public, max-age=31536000, immutable",
         "Chunk-Revision": str(1 << 62),
         "World-Revision": str(1 << 62),
     }
-    return Plan.of(TEMPLATE, lambda _: headers, holds, age)
+    return Plan.of(TEMPLATE, lambda _: headers, holds, age, **more)
 
 
 def test_entries_weigh_no_more_than_they_are_charged():
@@ -93,3 +93,16 @@ def test_what_is_older_than_the_plan_is_by_now_is_not_given_again():
     assert answers.find(scope) is None
     keep()
     assert answers.find(scope)
+
+
+def test_a_chunk_that_was_edited_while_it_was_built_is_not_given_again():
+    edits = 0
+    answers = Answers(cache := ChunkCache(1 << 20), Cors([]))
+    plan = plan_of(age=lambda: edits, last_edit=lambda _: edits)
+    asked = plan.current(ChunkKey(0, 0, 0, 0))
+    edits += 1
+    for revision in (0, 1):
+        reply = plan.found(asked, chunk := Chunk("surface", b"x", revision))
+        cache._keep(reply.version.tag, chunk)
+        answers.keep(wanted_of("/a"), plan, reply)
+        assert (answers.find({"path": "/a", "query_string": b"", "headers": ()}) is None) == (revision < edits)
