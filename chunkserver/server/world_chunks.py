@@ -144,10 +144,14 @@ async def world_plan(
 
 
 def _headers(worlds: WorldStore, name: str, epoch: str, query: WorldChunkQuery, chunk_revision: int) -> dict[str, str]:
-    """Return `revision_headers` of the world of `epoch` as it is by now. Raises `UnknownWorld` if that is gone."""
+    """Return `revision_headers` of the world of `epoch` as it is by now.
+
+    Raises `UnknownWorld` if that is gone, and `OldEpoch` if it was created again.
+    """
     world = worlds.find(name)
     if world.epoch != epoch:
-        raise UnknownWorld(f"the world {name!r} that was asked for is gone: there is another one by now", world=name)
+        message = f"world {name!r} was created again while this chunk was waited for: epoch {epoch} is gone"
+        raise OldEpoch(message, epoch=epoch, current=world.epoch)
     return revision_headers(world, chunk_revision, query)
 
 

@@ -152,6 +152,28 @@ def test_tags_of_worlds_are_their_own(client, pool):
     assert len(set(tags)) == len(tags) == len(pool.built)
 
 
+@pytest.mark.parametrize("is_known_kind", [False, True])
+@pytest.mark.parametrize(
+    ("by_now", "status", "name"),
+    [({}, 404, "unknown-world"), ({"w": dataclasses.replace(WORLD, epoch="ef")}, 410, "old-epoch")],
+)
+def test_a_world_that_goes_while_its_chunk_is_built(client, pool, monkeypatch, is_known_kind, by_now, status, name):
+    """By the application, and by the front, which knows how to answer chunks beside one that was asked for."""
+    if is_known_kind:
+        client.get(URL)
+    build, catalogue = pool.build, client.app.state.service.worlds._catalogue
+    now = {key: dataclasses.replace(world, generator=catalogue.find("w").generator) for key, world in by_now.items()}
+
+    async def build_late(*request, **rank):
+        catalogue._worlds = now
+        return await build(*request, **rank)
+
+    monkeypatch.setattr(pool, "build", build_late)
+    answer = client.get("/v1/worlds/w/chunks/3/1/-2/6")
+    assert (answer.status_code, answer.json()["type"]) == (status, f"urn:chunkserver:problem:{name}")
+    assert "etag" not in answer.headers
+
+
 def test_an_edit_elsewhere_leaves_the_tag_alone(client):
     before = client.get(URL).headers
     at(client, 7)
