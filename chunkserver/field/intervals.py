@@ -24,7 +24,7 @@ from chunkserver.field.coordinates import cell
 from chunkserver.field.noise.lattice import COORDINATE_MAX
 from chunkserver.field.points import run_at
 from chunkserver.field.tape import INPUTS, Tape
-from chunkserver.field.value_bounds import INFINITE, SLACK, combine_bounds, largest, remap_bounds
+from chunkserver.field.value_bounds import INFINITE, LEAST_SLACK, SLACK, combine_bounds, largest, remap_bounds
 from chunkserver.kernel import inlined, kernel
 
 NOISE_SLACK: Final = 2.0**-16
@@ -151,7 +151,7 @@ def bound(
                             here, below_here, radius, moved, farthest, n0, n1, range_low, range_high, steep, b0, b1, db
                         )
                 low[out, box], high[out, box] = lowest, highest
-                spread[out, box] = by + SLACK * largest(lowest, highest)
+                spread[out, box] = by + SLACK * largest(lowest, highest) + LEAST_SLACK
                 finite = bool(lowest > -FINITE_MAX and highest < FINITE_MAX)
             if not finite:
                 failed[box] = at

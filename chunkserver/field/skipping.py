@@ -125,7 +125,8 @@ def _judged(flat: Flat, low: _Doubles, step: float, regions: int) -> _Regions:
     of_tape = tape.code, tape.numbers, tape.reads, tape.columns, tape.result
     count = judge(*of_tape, *found, *own, kinds, chosen, known, known[-1], code, keys, starts)
     spread = found.spread[tape.result].reshape(shape)
-    return _Regions(kinds, spread, chosen, count, code, keys, starts)
+    written = starts[count]
+    return _Regions(kinds, spread, chosen, count, code[:written], keys[:written], starts)
 
 
 class _Box:

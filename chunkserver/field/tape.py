@@ -9,8 +9,7 @@ its last use:
                                                            2  GRADIENT2  r0 <- r1    second octave
                                                            ...
                                                            ----------------------    below: once per horizontal plane
-                                                           7  COORDINATE r2          y
-                                                           8  SUBTRACT   r3 <- r2, r0
+                                                           7  ABOVE      r1 <- r0    y, less what is in r0
 """
 
 from collections.abc import Sequence

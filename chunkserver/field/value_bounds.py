@@ -15,6 +15,8 @@ from chunkserver.kernel import inlined
 
 SLACK: Final = 2.0**-20
 """Of the magnitudes that go in: 16 roundings of float32."""
+LEAST_SLACK: Final = 2.0**-145
+"""16 roundings of float32 between the least numbers that it has, which lie as far apart as they are large."""
 INFINITE: Final = np.float32(np.inf)
 STEEPEST_STEP: Final = 1.5
 """The slope of 3t^2 - 2t^3 half-way, where it is largest."""
@@ -82,8 +84,9 @@ def _linear(
 ) -> tuple[np.float32, np.float32, float]:
     first, factor, last = np.float32(n0), np.float32(n1), np.float32(n2)
     p, q = linear(a0, first, factor, last), linear(a1, first, factor, last)
-    inner = max(abs(np.float64(a0) + n0), abs(np.float64(a1) + n0)) * abs(n1)
-    return min(p, q), max(p, q), abs(n1) * da + SLACK * inner
+    steep = np.float64(abs(factor))
+    inner = max(abs(np.float64(a0) + n0), abs(np.float64(a1) + n0)) * steep
+    return min(p, q), max(p, q), steep * da + SLACK * inner
 
 
 @inlined

@@ -263,6 +263,8 @@ FAR_CELLS: Tree = {"op": "scale", "a": {"op": "cellular3", "frequency": 0.7}, "f
         # A distance, as steep as it can be, where float64 has steps of 1/22 lattice cell.
         (FAR_CELLS, ((EDGE, EDGE, EDGE), 2.0**-12, (5, 5, 5))),
         ({**FAR_CELLS, "a": {**FAR_CELLS["a"], "op": "cellular2"}}, ((EDGE, 0, EDGE), 2.0**-12, (5, 5, 5))),
+        # A factor between the two least numbers that float32 has.
+        ({"op": "multiply", "a": {"op": "add", "a": X, "b": 0.4}, "b": 1e-45}, ((-20, 0, 0), 1.0, (41, 1, 1))),
         # In the middle of a faded shape the distance is 0, and not a rounding below.
         ({"op": "box", "half_extents": [0.9, 1.7, 2], "rounding": 0.3}, AT_ORIGIN),
     ],

@@ -108,6 +108,13 @@ def test_a_surface_between_patches_that_are_all_settled():
     )
 
 
+@pytest.mark.parametrize("lod", [0, 3])
+def test_a_field_of_the_least_numbers_that_there_are(lod):
+    for factor in (1e-45, 4e-45):
+        tree = {"op": "multiply", "a": {"op": "subtract", "a": {"op": "x"}, "b": 0.4}, "b": factor}
+        assert not faults(WorldRecipe(1, canonical(tree)), ChunkKey(lod, 0, 0, 0), ChunkShape(16))
+
+
 def test_a_chunk_of_64_cells_between_coarser_neighbours():
     for mask in (2, 8, 32, 63):
         assert not faults(WorldRecipe(42, canonical(SLAB)), ChunkKey(0, 0, 0, 0), ChunkShape(64), mask)
