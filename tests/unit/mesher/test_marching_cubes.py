@@ -187,3 +187,20 @@ def test_indices_are_as_wide_as_they_have_to_be(cells, rng):
     vertices = len(mesh.positions)
     assert mesh.triangles.dtype == index_type(vertices) == (np.uint32 if cells == 64 else np.uint16)
     assert np.array_equal(np.unique(mesh.triangles), np.arange(vertices))
+
+
+@pytest.mark.parametrize(("ends", "dtype"), [(3, np.uint16), (4, np.uint32)])
+def test_the_last_mesh_of_16_bits_and_the_first_of_32(ends, dtype):
+    """Rock that touches no other has six vertices a sample, but in a corner or on an edge of the chunk."""
+    shape, single = ChunkShape(64), 10_922
+    density = np.ones((shape.samples,) * 3, np.float32)
+    inner = density[shape.apron : -shape.apron, shape.apron : -shape.apron, shape.apron : -shape.apron]
+    places = np.indices((31, 31, 31)).reshape(3, -1)[:, :single] * 2 + 2
+    inner[tuple(places)] = -1
+    inner[(0, 0, 0) if ends == 3 else (0, 0, 2)] = -1
+    mesh = extract(Samples(shape, density))
+    assert (len(mesh.positions), mesh.triangles.dtype) == (6 * single + ends, dtype)
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(6 * single + ends))
+    corners = mesh.positions.astype(int)[mesh.triangles, :3]
+    assert np.ptp(corners, axis=1).max() <= shape.units_per_cell
+    assert len(mesh.triangles) == 8 * single + (1 if ends == 3 else 2)
