@@ -1,17 +1,22 @@
 """From a request to the bytes of a chunk. The page to read first.
 
-    request -> field.sample_near_surface -> mesher.extract -> wire.encode -> bytes
+    request          -> field.sample_near_surface              -> mesher.extract -> wire.encode -> bytes
+    request + deltas -> field.sample          -> deltas.add_to -> mesher.extract -> wire.encode -> bytes
 
-A chunk that bounds of the field prove to be all air or all rock is not sampled.
+A chunk that bounds of the field, and of its deltas, prove to be all air or all rock is not sampled.
 
-Pure: the same request gives the same bytes in a worker process, in a test, on any machine.
+Pure: the same request and deltas give the same bytes in a worker process, in a test, on any machine.
 """
 
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.edits import Deltas
 from chunkserver.errors import BadParameter
 from chunkserver.field import prove, sample, sample_near_surface
 from chunkserver.geometric_error import geometric_error
@@ -20,6 +25,7 @@ from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.mesh import EMPTY, Content, Mesh
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
+from chunkserver.samples import Samples
 from chunkserver.wire import CODINGS, FORMATS, Encoding, Placement, check_encodable
 
 SEAM_OF_LEVELS: Final = "transitions"
@@ -35,7 +41,7 @@ GENERATOR_BYTES: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class ChunkRequest:
-    """Everything that one chunk's bytes depend on, and nothing else. Hashable; cheap to send to a worker in a pickle.
+    """Everything that a pristine chunk's bytes depend on, and nothing else. Hashable; cheap to send in a pickle.
 
     coarser: mask of the faces whose neighbour is one LOD coarser, bits -x +x -y +y -z +z = 1 2 4 8 16 32: the chunk is
         fitted to them.
@@ -63,6 +69,16 @@ class ChunkRequest:
 def _request(seed: int, source: str, key: Any, rest: Any, encoding: Any) -> ChunkRequest:
     values: tuple[Any, ...] = (WorldRecipe(seed, source), ChunkKey(*key), *rest, Encoding(*encoding))
     return ChunkRequest(*values)
+
+
+class Edited(NamedTuple):
+    """What makes an edited chunk of a pristine one: the deltas of its world at the revision that its request names.
+
+    arena: (slots, deltas of a brick) int32, C order: where the bricks lie that `deltas` read.
+    """
+
+    arena: NDArray[np.int32]
+    deltas: Deltas
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,32 +114,49 @@ def check_request(request: ChunkRequest) -> None:
     check_encodable(_placement(request), request.encoding)
 
 
-def build_chunk(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Chunk:
+def build_chunk(
+    request: ChunkRequest, stage: Callable[[str], object] = lambda _: None, edited: Edited | None = None
+) -> Chunk:
     """Return the chunk that `request` names. An empty chunk is no error.
 
     stage: called with the name of each of `STAGES` when it begins. What it raises ends the build.
+    edited: the deltas of the chunk, with the mask that it asks for; None for a chunk that no edit has reached.
 
     Raises what `check_request` raises, and `BadRecipe` for a recipe that needs too many registers or is not finite.
     """
-    mesh = build_mesh(request, stage)
+    mesh = build_mesh(request, stage, edited)
     stage("encode")
     return Chunk(mesh.content, _written(mesh, request), request.revision)
 
 
-def build_mesh(request: ChunkRequest, stage: Callable[[str], object] = lambda _: None) -> Mesh:
+def build_mesh(
+    request: ChunkRequest, stage: Callable[[str], object] = lambda _: None, edited: Edited | None = None
+) -> Mesh:
     """Return what `build_chunk` encodes: the mesh, its normals of the kind that the encoding has. Raises the same."""
     check_request(request)
     stage("field")
     shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
     proven = prove(request.recipe, request.key, shape, request.coarser)
-    return EMPTY[proven] if proven else _surface(request, shape, stage)
-
-
-def _surface(request: ChunkRequest, shape: ChunkShape, stage: Callable[[str], object]) -> Mesh:
-    skirts = request.seam == SKIRTS  # they go down into the rock
-    samples = (sample if skirts else sample_near_surface)(request.recipe, request.key, shape, request.coarser)
+    if proven and _stays(proven, edited):
+        return EMPTY[proven]
+    samples = _sampled(request, shape, edited)
     stage("mesh")
-    return extract(samples, request.mesher, request.encoding.normals, skirts)
+    return extract(samples, request.mesher, request.encoding.normals, request.seam == SKIRTS)
+
+
+def _stays(pristine: Literal["air", "rock"], edited: Edited | None) -> bool:
+    """Return whether a chunk that is all air or all rock still is when its deltas are added."""
+    low, high = edited.deltas.range if edited else (0, 0)
+    return low >= 0 if pristine == "air" else high <= 0
+
+
+def _sampled(request: ChunkRequest, shape: ChunkShape, edited: Edited | None) -> Samples:
+    """Return all that the mesh depends on. Deltas are added to every sample; skirts go down into the rock."""
+    every = edited is not None or request.seam == SKIRTS
+    samples = (sample if every else sample_near_surface)(request.recipe, request.key, shape, request.coarser)
+    if edited is not None:
+        edited.deltas.add_to(samples, edited.arena)
+    return samples
 
 
 def _written(mesh: Mesh, request: ChunkRequest) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits import Bricks, apply
+from chunkserver.edits import Bricks, Deltas
 from chunkserver.edits.arena import Arena
 from chunkserver.edits.boxes import Box
 from chunkserver.field import sample
@@ -17,7 +17,7 @@ from chunkserver.field.intervals import ALL_FINITE, bounds
 from chunkserver.field.points import run_box
 from chunkserver.grid import ChunkKey, ChunkShape
 from chunkserver.recipe import WorldRecipe
-from chunkserver.samples import Samples, coarse_box
+from chunkserver.samples import Samples
 from tests.worlds import Densities
 
 Stroke = dict[str, Any]
@@ -109,18 +109,8 @@ def edited(recipe: WorldRecipe, bricks: Bricks, key: ChunkKey, cells: int = 32, 
     """Return the samples of a chunk of a world with edits."""
     shape = ChunkShape(cells)
     samples = sample(recipe, key, shape, coarser)
-    x, y, z = (cells * at - shape.apron for at in key[1:])
-    _add(bricks, key.lod, (x, y, z), samples.density)
-    if samples.coarse is not None:
-        box = coarse_box(cells, coarser)
-        u, v, w = (cells // 2 * at + first for at, first in zip(key[1:], box.low, strict=True))
-        _add(bricks, key.lod + 1, (u, v, w), samples.coarse)
+    Deltas.of(bricks, key, shape, coarser).add_to(samples, bricks.arena.deltas)
     return samples
-
-
-def _add(bricks: Bricks, lod: int, low: tuple[int, int, int], density: Densities) -> None:
-    planes, rows, width = density.shape
-    apply(density, bricks.arena.deltas, bricks.read(lod, low, (planes, rows, width)))
 
 
 def dense(bricks: Bricks, lod: int, box: Box) -> NDArray[np.int32]:

@@ -14,8 +14,9 @@ from itertools import product
 import numba
 import numpy as np
 
-from chunkserver.edits import Edit, apply
+from chunkserver.edits import Edit
 from chunkserver.edits.pyramid import _halve
+from chunkserver.edits.reading import apply
 from tests.reference.modes import bounds_are_checked
 from tests.strokes import OPS, SHAPES, delta_of, no_bricks, op_of, shape_of
 

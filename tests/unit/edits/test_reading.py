@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from chunkserver.edits import Edit, apply
+from chunkserver.edits import Edit
 from chunkserver.edits.boxes import Box
+from chunkserver.edits.reading import apply
 from tests.strokes import delta_of, dense, no_bricks
 
 FAR = (1 << 39) - 8

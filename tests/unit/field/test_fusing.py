@@ -34,7 +34,7 @@ def values(tape: Tape, points: NDArray[np.float64]) -> bytes:
     places, found = np.empty((1, tape.places, points.shape[1])), np.empty((1, tape.values, points.shape[1]), np.float32)
     places[0, :3] = points
     run_at(tape, places, found)
-    return found[0, tape.result].tobytes()
+    return bytes(found[0, tape.result])
 
 
 def binary(name: str, a: object, b: object) -> dict[str, object]:
