@@ -220,3 +220,38 @@ def test_a_full_disk_refuses_and_goes_on_when_there_is_room(tmp_path, times, cap
     assert refused > 2
     assert went_on > 2
     assert "until a restart" not in caplog.text
+
+
+def until_refused(store: Store, rng: np.random.Generator) -> tuple[History, str]:
+    """Take steps until one is refused. Return what was acknowledged, and why the next was not."""
+    history = History()
+    for _ in range(STEPS):
+        action, after = history.step(rng)
+        try:
+            action(store)
+        except StoreError as error:
+            return history, error.message
+        history = after
+    return history, ""
+
+
+def test_an_error_while_the_log_is_copied_into_the_file_stops_it_too(tmp_path):
+    """SQLite does that behind a commit, and would keep the error to itself."""
+    armed = False
+
+    def fault(kind: str, name: str) -> None:
+        if armed and (kind, name) == ("sync", FILE_NAME):
+            error = apsw.IOError("a sync that fails")
+            error.extendedresult = apsw.SQLITE_IOERR_FSYNC  # type: ignore[attr-defined] # SQLite is told this
+            raise error
+
+    rng = np.random.default_rng(SEED)
+    with Disk(fault), closing(Store(tmp_path)) as store:
+        armed = True
+        history, refusal = until_refused(store, rng)
+        assert "a sync that fails" in refusal
+        armed = False
+        with pytest.raises(StoreError, match="until a restart"):
+            history.step(rng)[0](store)
+        assert history.fault_in(store) == ""
+    restarted(tmp_path, [history])
