@@ -262,6 +262,8 @@ class _Transaction:
         raise BadParameter(message, client=draft.client, seq=draft.seq, mark=mark)
 
     def _known_key(self, tail: _Tail, draft: Draft) -> Outcome | None:
+        if draft.key is None:
+            return None
         query = (
             "SELECT keys.revision, coalesce(keys.stale, edits.stale), keys.digest FROM keys"
             " LEFT JOIN edits USING (world, revision) WHERE keys.world = ? AND key = ?"
