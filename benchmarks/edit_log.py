@@ -144,7 +144,7 @@ def _at_a_rate(submit: Submit, scale: Scale) -> tuple[float, float]:
 def _as_many_as_go(submit: Submit, strokes: int, scale: Scale) -> float:
     """Return edits a second."""
     clients = [_Client(submit, strokes) for _ in range(THREADS)]
-    count = int(scale.load_seconds * PER_SECOND / THREADS)
+    count = scale.cold_requests
     begin = time.perf_counter()
     with ThreadPoolExecutor(THREADS) as threads:
         for one in [threads.submit(client.send_all, count) for client in clients]:
