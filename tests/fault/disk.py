@@ -133,11 +133,10 @@ class Disk(apsw.VFS):
 class _File(apsw.VFSFile):
     def __init__(self, disk: Disk, name: apsw.URIFilename | str | None, flags: list[int]) -> None:
         path = name.filename() if isinstance(name, apsw.URIFilename) else str(name)
-        self.disk, self.name, self.is_new_journal = disk, Path(path).name, False
+        self.disk, self.name, self.may_be_new = disk, Path(path).name, bool(flags[0] & JOURNALS)
         super().__init__(UNDER, name, flags)
         if name is not None and self.name not in disk.entries:
             disk.entries[self.name] = Content()
-            self.is_new_journal = bool(flags[0] & JOURNALS)
         self.content = disk.entries.get(self.name, Content())
 
     def xWrite(self, written: bytes, place: int) -> None:  # noqa: N802
@@ -151,12 +150,12 @@ class _File(apsw.VFSFile):
         self.content.since.append((length, None))
 
     def xSync(self, flags: int) -> None:  # noqa: N802
-        """As SQLite's own does, sync the folder too when a journal is new."""
+        """As SQLite's own does, sync the folder too at the first sync of a journal that was opened, new or not."""
         self.disk.fault("sync", self.name)
         if self.disk.synced:
             super().xSync(flags)
         self.content.sync()
-        if self.is_new_journal:
-            self.is_new_journal = False
+        if self.may_be_new:
+            self.may_be_new = False
             self.disk.sync_folder()
         self.disk.fault("synced", self.name)
