@@ -19,9 +19,9 @@ Policy, argued once:
   new digest is a new folder, so nothing stale can be found. Recipes are left out of it: they are what kernels run, not
   what they are made of (`tests/house/test_kernels.py`), so a new built-in compiles nothing.
 
-Four things are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons at
-once, `prefetch`, `choose`, and `uncounted`. They are plain code of its intermediate language, so any processor has
-them, and are Python functions where nothing is compiled.
+Five things are written out for the compiler, which does not find them by itself: `lanes_below`, many comparisons at
+once, `prefetch`, `choose`, `uncounted`, and `aligned_stack`. They are plain code of its intermediate language, so any
+processor has them, and are Python functions where nothing is compiled.
 
 `SOURCES_DIGEST` covers every source that the bytes of a chunk depend on, and is part of the generator version. The CPU
 is not part of it: the bits are the same on all of them.
@@ -108,6 +108,8 @@ def spliced(function: _Function) -> _Function:
     return jitted
 
 
+CACHE_LINE: Final = 64
+"""Bytes."""
 LANES: Final = 16
 """How many values `lanes_below` compares."""
 
@@ -190,6 +192,28 @@ def _without_count(_typing: Any, array: Any) -> Any:
     return array(array), write
 
 
+def _aligned_stack() -> None:
+    """Have the calling kernel begin its part of the stack at a whole line of the cache.
+
+    For a loop with more numbers than the CPU has registers. LLVM keeps the others on the stack, where vectors that lie
+    across two lines take twice the time, and where a process' stack begins is chance.
+    """
+
+
+def _with_aligned_stack(_typing: Any) -> Any:
+    """Return the signature of `aligned_stack` and what writes it in the compiler's intermediate language."""
+
+    def write(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[Any]) -> Any:  # noqa: ARG001
+        with builder.goto_entry_block():
+            place = builder.alloca(ir.IntType(8))
+        place.align = CACHE_LINE
+        used = ir.FunctionType(ir.VoidType(), [place.type])
+        builder.asm(used, "", "r", [place], side_effect=True)
+        return context.get_dummy_value()
+
+    return numba.void(), write
+
+
 def choose(flag: Any, yes: _Number, no: _Number) -> _Number:
     """Return `yes if flag else no`, for two numbers of one type that are there anyway.
 
@@ -206,6 +230,10 @@ def _choose_in_kernels(_context: Any, flag: Any, yes: Any, no: Any) -> Any:  # n
 
 uncounted: Final[Callable[[_Array], _Array]] = (
     cast(Any, numba.extending.intrinsic(_without_count)) if _IS_COMPILED else _uncounted
+)
+
+aligned_stack: Final[Callable[[], None]] = (
+    cast(Any, numba.extending.intrinsic(_with_aligned_stack)) if _IS_COMPILED else _aligned_stack
 )
 
 if _IS_COMPILED:

@@ -42,6 +42,8 @@ def keys_of(seed: int) -> tuple[int, ...]:
 
 
 KEYS: Final = keys_of(7)
+BEYOND: Final = 64
+"""Numbers behind those asked for, which no noise may write."""
 CHUNK: Final = 1_000_000
 """Points at a time: 24 MB of coordinates."""
 
@@ -65,9 +67,11 @@ def evaluate(
     op, _, returned = noise.partition(" ")
     numbers = np.array([amplitude, frequency, *offsets, jitter, RETURNED.get(returned, 0)])
     below = np.zeros(len(points), np.float32) if below is None else below
-    out = np.empty(len(points), np.float32)
+    room = np.full(len(points) + BEYOND, np.nan, np.float32)
+    out = room[: len(points)]
     x, y, z = np.ascontiguousarray(points.T)
     KERNELS[op](x, y, z, numbers, np.array(keys, np.uint32), below, out, *lattice.scratch(), width)
+    assert np.isnan(room[len(points) :]).all()
     return out
 
 

@@ -48,7 +48,7 @@ from chunkserver.field.noise.lattice import (
     whole_vectors,
 )
 from chunkserver.field.noise.simplex2 import REACH, times_kernel
-from chunkserver.kernel import choose, inlined, kernel
+from chunkserver.kernel import aligned_stack, choose, inlined, kernel
 
 SIMPLEX3_SCALE: Final = np.float32(76.8)
 """Brings 3-D simplex noise into [-1, 1]: its supremum is 1/76.88, found by a search over points and gradients."""
@@ -92,12 +92,13 @@ def add_simplex3(
         _read_axes(x, y, z, start, across, step, n, numbers, keys, fractions, words)
         _join(n, fractions, words)
         if in_rows:
-            _rows(start, width, across, n, numbers, fractions, words, below, out)
+            _rows(start, width, across, n, fractions, words, out)
         else:
-            _points(start, n, numbers, fractions, words, below, out)
+            _points(start, n, fractions, words, out)
+    _put(np.float32(numbers[0]), below, out)
 
 
-@kernel
+@inlined
 def _read_axes(
     x: Doubles,
     y: Doubles,
@@ -147,7 +148,7 @@ def _side(at: np.float32) -> np.float32:
     return np.float32(_TWO * np.float32(abs(at))) - ONE
 
 
-@kernel
+@inlined
 def _join(n: int, fractions: Floats, words: Words) -> None:
     """Turn the rows of y and of z into those of both: SQUARE into what both leave of REACH."""
     for other in range(2):
@@ -164,27 +165,22 @@ def _join(n: int, fractions: Floats, words: Words) -> None:
             y_words[i], y_words[i + _FAR_BITS] = np.uint32(bits_y + bits_z), choose(along_y, far_y, far_z)
 
 
-@kernel
-def _rows(
-    start: int,
-    width: int,
-    across: int,
-    rows: int,
-    numbers: Doubles,
-    fractions: Floats,
-    words: Words,
-    below: Floats,
-    out: Floats,
-) -> None:
-    """Write rows of `width` points. What x makes of them is there for `across`, in whole vectors."""
-    amplitude, multipliers = np.float32(numbers[0]), (ROUND_2, ROUND_1)
-    for row in range(rows):
+@inlined
+def _rows(start: int, width: int, across: int, rows: int, fractions: Floats, words: Words, out: Floats) -> None:
+    """Write the sums of rows of `width` points. What x makes of them is there for `across`, in whole vectors.
+
+    What is written beyond a row's end, the next row overwrites. rows: at most BLOCK, which the loop says once more, for
+    without it indices might be negative.
+    """
+    aligned_stack()
+    multipliers = (ROUND_2, ROUND_1)
+    for row in range(min(rows, BLOCK)):
         for other in range(2):
             x, word = other * _OTHER, other * _OTHER_WORDS
             y, z, yz = _Y + x + row, _Z + x + row, _Y_WORDS + word + row
             near_y, near_z, far_y, far_z = fractions[y], fractions[z], fractions[y + _FAR], fractions[z + _FAR]
             side, left, bits, far_bits = fractions[y + _SIDE], fractions[y + _SQUARE], words[yz], words[yz + _FAR_BITS]
-            for i in range(across):
+            for i in range(min(across, BLOCK)):
                 at, bits_x = x + i, word + i
                 pair = _two_corners(
                     fractions[at],
@@ -204,14 +200,15 @@ def _rows(
                     multipliers[other],
                 )
                 fractions[i + _SUM] = pair + (fractions[i + _SUM] if other else ZERO)
-        first = start + row * width
-        _put(width, amplitude, fractions, below[first:], out[first:])
+        sums = out[start + row * width :]
+        for i in range(min(across, sums.size)):
+            sums[i] = fractions[i + _SUM]
 
 
-@kernel
-def _points(start: int, n: int, numbers: Doubles, fractions: Floats, words: Words, below: Floats, out: Floats) -> None:
-    """Write n points, each with an x, y and z of its own."""
-    multipliers = (ROUND_2, ROUND_1)
+@inlined
+def _points(start: int, n: int, fractions: Floats, words: Words, out: Floats) -> None:
+    """Write the sums of n points, each with an x, y and z of its own."""
+    multipliers, sums = (ROUND_2, ROUND_1), out[start:]
     for other in range(2):
         x, word = other * _OTHER, other * _OTHER_WORDS
         for i in range(n):
@@ -234,14 +231,14 @@ def _points(start: int, n: int, numbers: Doubles, fractions: Floats, words: Word
                 words[yz + _FAR_BITS],
                 multipliers[other],
             )
-            fractions[i + _SUM] = pair + (fractions[i + _SUM] if other else ZERO)
-    _put(n, np.float32(numbers[0]), fractions, below[start:], out[start:])
+            sums[i] = pair + (sums[i] if other else ZERO)
 
 
 @inlined
-def _put(n: int, amplitude: np.float32, fractions: Floats, below: Floats, out: Floats) -> None:
-    for i in range(n):
-        out[i] = below[i] + np.float32(amplitude * np.float32(SIMPLEX3_SCALE * fractions[i + _SUM]))
+def _put(amplitude: np.float32, below: Floats, out: Floats) -> None:
+    """Turn sums of four corners into what is asked for."""
+    for i in range(out.size):
+        out[i] = below[i] + np.float32(amplitude * np.float32(SIMPLEX3_SCALE * out[i]))
 
 
 @inlined
