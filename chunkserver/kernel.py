@@ -47,7 +47,7 @@ _log: Final = logging.getLogger(__name__)
 
 PACKAGE: Final = Path(__file__).parent
 NOT_IN_DIGEST: Final = (
-    *("__init__.py", "__main__.py", "commands", "errors.py", "worker.py", "world.py", "store", "server"),
+    *("__init__.py", "__main__.py", "commands", "errors.py", "memory.py", "worker.py", "world.py", "store", "server"),
     "wire/reading",
 )
 """What no byte of a chunk depends on: entry points, errors, where worlds are kept, the service around `build_chunk`;

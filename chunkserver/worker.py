@@ -4,13 +4,13 @@
        |                           | fork
        +-------- pipe -------> worker         shares the fork server's memory; builds one chunk at a time
        +-------- slot -------> (memory)       holds the body that the worker has just built
+       +-------- arena ------> (memory)       of all workers: the bricks that the deltas of edited chunks are in
 
-    control   <- Warmth, once                 -> one byte with a socket and a slot: fork a worker that serves them
-    pipe      <- pid, once; then an Answer for each request       -> ChunkRequest and its deadline
+    control   <- Warmth, once                 -> one byte with a socket, a slot, the arena: fork a worker for them
+    pipe      <- pid, once; then an Answer for each request       -> ChunkRequest, its deadline, its Deltas or None
 
 Each message is a frame: u32 little-endian length, then that many bytes of pickle. Both ends run the same code. A
-deadline is a time of the monotonic clock, which all processes of a machine share. Needs Linux, for its memory without
-a name.
+deadline is a time of the monotonic clock, which all processes of a machine share.
 
 Nothing outlives the server, however it ends: its end of the control socket closes with it, and the fork server, also
 while it warms, then kills its process group, so that a worker that hangs ends too. SIGINT and SIGTERM are ignored here:
@@ -33,7 +33,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import pairwise
@@ -41,14 +41,17 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, NoReturn, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
+from chunkserver.edits import Bricks, Deltas
 from chunkserver.errors import ChunkError, DeadlinePassed, WireError
 from chunkserver.field import compile_beside, compile_interpreter
 from chunkserver.grid import CELLS_BUILT, MASK_MAX, ChunkKey, ChunkShape
 from chunkserver.kernel import CACHE_DIR, SOURCES_DIGEST, cache_root
+from chunkserver.memory import NO_ARENA, Slot, mapped
 from chunkserver.mesh import Content, NormalKind
 from chunkserver.mesher import MESHERS, extract
-from chunkserver.pipeline import SEAM_OF_LEVELS, SKIRTS, Chunk, ChunkRequest, build_chunk
+from chunkserver.pipeline import SEAM_OF_LEVELS, SKIRTS, Chunk, ChunkRequest, Edited, build_chunk
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
 from chunkserver.samples import Samples, coarse_box
 from chunkserver.wire import FORMATS, Encoding
@@ -57,10 +60,6 @@ HEADER: Final = struct.Struct("<I")
 FRAME_BYTES_MAX: Final = 1 << 18
 TRACEBACK_CHARACTERS_MAX: Final = 1 << 14
 """Its end is kept. Fits a frame."""
-BODY_BYTES_MAX: Final = 1 << 27
-"""A chunk of 64 cells, all of them active, in the widest profile is about a third of this."""
-SLOT_BYTES: Final = 1 << 20
-"""Of each worker, kept; a longer body makes the slot larger, until it is taken."""
 JOBS_PER_MEASURE: Final = 64
 """How often a worker asks how much memory it has: that takes 30 us."""
 
@@ -71,7 +70,8 @@ COMPILE_REST: Final = (sys.executable, "-P", "-c", "from chunkserver.worker impo
 CACHE_FOLDERS_MAX: Final = 8
 """Folders of compiled code that `warm` keeps, the current one included."""
 
-Build = Callable[[ChunkRequest, Callable[[str], object]], Chunk]
+Build = Callable[..., Chunk]
+"""Takes what `build_chunk` takes, in its order; deltas of edits only where there are some."""
 
 
 def cores() -> int:
@@ -138,46 +138,6 @@ def _check_length(length: int, bytes_max: int) -> None:
         raise WireError(f"a frame has {length} bytes; the limit is {bytes_max}", bytes=length, bytes_max=bytes_max)
 
 
-def slot_memory() -> int:
-    """Return the descriptor of new memory for a `Slot`. Raises OSError if there is none to be had."""
-    descriptor = os.memfd_create("chunkserver-slot")
-    os.ftruncate(descriptor, SLOT_BYTES)
-    return descriptor
-
-
-class Slot:
-    """Memory that the server shares with one worker. It has no name: it is gone with the two, however they end.
-
-    A body is put into it on one side, then taken out of it on the other: the pipe says when, and how long it is.
-    """
-
-    def __init__(self, descriptor: int) -> None:
-        """Map what `slot_memory` made. The descriptor is not needed any more then."""
-        self._memory = mmap.mmap(descriptor, SLOT_BYTES)
-
-    def put(self, body: bytes) -> None:
-        """Write `body`. Raises `WireError` if it has more than `BODY_BYTES_MAX` bytes."""
-        if len(body) > BODY_BYTES_MAX:
-            message = f"a body has {len(body)} bytes; the limit is {BODY_BYTES_MAX}"
-            raise WireError(message, bytes=len(body), bytes_max=BODY_BYTES_MAX)
-        if len(body) > SLOT_BYTES:
-            self._memory.resize(len(body))
-        self._memory[: len(body)] = body
-
-    def take(self, length: int) -> bytes:
-        """Return a copy of the `length` bytes that were put, and give back all memory beyond `SLOT_BYTES`."""
-        if length <= SLOT_BYTES:
-            return self._memory[:length]
-        self._memory.resize(length)
-        body = self._memory[:length]
-        self._memory.resize(SLOT_BYTES)  # the other side has more mapped, and touches it only once it has grown again
-        return body
-
-    def close(self) -> None:
-        """Let go of it."""
-        self._memory.close()
-
-
 def receive(pipe: BinaryIO, bytes_max: int) -> Any:
     """Return the next value from `pipe`, or None at its end. Raises `WireError` on a torn or oversized frame."""
     header = pipe.read(HEADER.size)
@@ -209,8 +169,11 @@ class _Stages:
         return {stage: end - begin for (stage, begin), (_, end) in pairwise(times)}
 
 
-def serve(pipe: socket.socket, slot: Slot, build: Build = build_chunk) -> None:
-    """Be a worker: say our pid, then answer each request until the pipe ends. Raises what `receive` raises."""
+def serve(pipe: socket.socket, slot: Slot, build: Build = build_chunk, arena: NDArray[np.int32] = NO_ARENA) -> None:
+    """Be a worker: say our pid, then answer each request until the pipe ends. Raises what `receive` raises.
+
+    arena: where the bricks lie that deltas read.
+    """
     with pipe, pipe.makefile("rb") as requests:
         at_first = _own_bytes()
         grown = jobs = 0
@@ -219,8 +182,9 @@ def serve(pipe: socket.socket, slot: Slot, build: Build = build_chunk) -> None:
             jobs += 1
             if jobs % JOBS_PER_MEASURE == 0:
                 grown = _own_bytes() - at_first
-            request, deadline = asked
-            pipe.sendall(_answer(partial(build, request), _Stages(deadline), slot, grown))
+            request, deadline, deltas = asked
+            stages, edited = _Stages(deadline), () if deltas is None else (Edited(arena, deltas),)
+            pipe.sendall(_answer(partial(build, request, stages, *edited), stages, slot, grown))
 
 
 def _own_bytes() -> int:
@@ -229,9 +193,9 @@ def _own_bytes() -> int:
     return (int(resident) - int(of_files)) * mmap.PAGESIZE
 
 
-def _answer(build: Callable[[_Stages], Chunk], stages: _Stages, slot: Slot, grown_bytes: int) -> bytes:
+def _answer(build: Callable[[], Chunk], stages: _Stages, slot: Slot, grown_bytes: int) -> bytes:
     try:
-        answer = _attempt(build, stages)
+        answer = _attempt(build)
         if isinstance(answer, Chunk):
             slot.put(answer.body)
             built = Built(answer.content, len(answer.body), answer.revision, stages.seconds(), grown_bytes)
@@ -241,9 +205,9 @@ def _answer(build: Callable[[_Stages], Chunk], stages: _Stages, slot: Slot, grow
         return pack(traceback.format_exc()[-TRACEBACK_CHARACTERS_MAX:], FRAME_BYTES_MAX)
 
 
-def _attempt(build: Callable[[_Stages], Chunk], stages: _Stages) -> Chunk | ChunkError:
+def _attempt(build: Callable[[], Chunk]) -> Chunk | ChunkError:
     try:
-        return build(stages)
+        return build()
     except ChunkError as error:
         return error
 
@@ -261,6 +225,7 @@ def warm() -> Warmth:
             _compile_in_two()
         for request in warm_requests():
             build_chunk(request)
+        _build_edited()
         compiled = _compiled() - before
         _forget_old_folders()
     return Warmth(SOURCES_DIGEST, compiled, time.perf_counter() - started)
@@ -314,6 +279,14 @@ def warm_requests() -> Iterator[ChunkRequest]:
                     yield ChunkRequest(ball, key, cells, 1.0, mesher, coarser, seam, encoding=encoding)
 
 
+def _build_edited() -> None:
+    """Build a chunk with deltas, all of them 0."""
+    request = ChunkRequest(WorldRecipe(0, builtin("plane")), ChunkKey(0, 0, 0, 0), min(CELLS_BUILT))
+    bricks = Bricks(1)
+    deltas = Deltas.of(bricks, request.key, ChunkShape(request.cells))
+    build_chunk(request, edited=Edited(bricks.arena.deltas, deltas._replace(own=deltas.own._replace(low=-1))))
+
+
 def _compiled() -> int:
     return sum(1 for _ in CACHE_DIR.rglob("*.nbi"))
 
@@ -346,8 +319,8 @@ def main(build: Build = build_chunk, warm_up: Callable[[], Warmth] = warm) -> No
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps: no worker is ever left as a zombie
         gc.collect()
         gc.freeze()  # a worker's collections leave the shared pages alone
-        while descriptors := socket.recv_fds(control, 1, 2)[1]:
-            pipe, memory = descriptors
+        while descriptors := socket.recv_fds(control, 1, 3)[1]:
+            pipe, *memory = descriptors
             _fork(control, socket.socket(fileno=pipe), memory, build)
     _end()
 
@@ -376,21 +349,27 @@ def _watch(control: socket.socket, over: socket.socket) -> None:
         _end()
 
 
-def _fork(control: socket.socket, pipe: socket.socket, memory: int, build: Build) -> None:
+def _fork(control: socket.socket, pipe: socket.socket, memory: Sequence[int], build: Build) -> None:
+    """Fork a worker. memory: descriptors of its slot and of the arena."""
     with pipe:
         if os.fork() != 0:
-            os.close(memory)
+            _close(memory)
             return
         try:
             control.close()  # the only descriptor of the fork server's that we hold: with it, its end would be hidden
-            slot = Slot(memory)
-            os.close(memory)
+            slot, arena = Slot(memory[0]), mapped(memory[1], writable=False)
+            _close(memory)
             with suppress(ConnectionError):
-                serve(pipe, slot, build)
+                serve(pipe, slot, build, arena)
         except BaseException:  # noqa: BLE001 - nothing may unwind into the fork server's frames
             traceback.print_exc()
         finally:
             os._exit(0)
+
+
+def _close(descriptors: Sequence[int]) -> None:
+    for descriptor in descriptors:
+        os.close(descriptor)
 
 
 if __name__ == "__main__":

@@ -45,7 +45,9 @@ def apply(density: NDArray[np.float32], arena: _Ints, reading: Reading) -> None:
     arena: (slots, BRICK_DELTAS) int32, C order: where the bricks lie.
     """
     if reading.low or reading.high:
-        _add(arena.reshape(-1), reading.slots, *reading.place, density)
+        bricks = arena.reshape(-1).view()
+        bricks.flags.writeable = False  # as it is where another process writes them: the same compiled code
+        _add(bricks, reading.slots, *reading.place, density)
 
 
 def gather(arena: _Ints, slots: _Ints, place: Place, box: _Ints) -> None:

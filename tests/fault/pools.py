@@ -49,11 +49,11 @@ def open_files(pid: int | str) -> int:
 
 
 def slot_bytes(pid: int) -> int:
-    """Return how much shared memory without a name a process has open."""
+    """Return how much memory a process has open for bodies that workers share with the server."""
     total = 0
     for path in Path(f"/proc/{pid}/fd").iterdir():
         with suppress(FileNotFoundError):  # the folder's own descriptor
-            total += path.stat().st_size if str(path.readlink()).startswith("/memfd:") else 0
+            total += path.stat().st_size if str(path.readlink()).startswith("/memfd:chunkserver-slot") else 0
     return total
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from chunkserver.errors import BadKey
 from chunkserver.grid import ChunkKey
 from chunkserver.kernel import SOURCES_DIGEST
-from chunkserver.pipeline import STAGES, Chunk, ChunkRequest
+from chunkserver.pipeline import STAGES, Chunk, ChunkRequest, Edited
 from chunkserver.recipe import WorldRecipe
 from chunkserver.worker import Warmth, main
 
@@ -85,8 +85,19 @@ DEEDS = {
 }
 
 
-def build(request: ChunkRequest, stage: Callable[[str], object]) -> Chunk:
+def bricks(edited: Edited) -> Chunk:
+    """Say what lies in the bricks that a chunk's own samples read."""
+    slots = edited.deltas.own.slots
+    found = edited.arena.reshape(-1, 4096)[slots[slots >= 0]]
+    told = {"bricks": len(found), "sum": int(found.sum()), "writeable": edited.arena.flags.writeable}
+    return Chunk("surface", json.dumps(told).encode())
+
+
+def build(request: ChunkRequest, stage: Callable[[str], object], edited: Edited | None = None) -> Chunk:
     deed, argument = json.loads(request.recipe.source)
+    if deed == "bricks":
+        assert edited is not None
+        return bricks(edited)
     if deed == "size":
         return Chunk("surface", body(int(argument)))
     if deed == "stages":

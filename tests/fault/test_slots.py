@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import uvloop
 
-from chunkserver.worker import SLOT_BYTES
+from chunkserver.memory import SLOT_BYTES
 from tests.fault import stub
 from tests.fault.pools import Load, fork_server, open_files, running, slot_bytes, until, workers
 from tests.scale import count

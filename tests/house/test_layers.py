@@ -11,7 +11,7 @@ PACKAGE = "chunkserver"
 
 LINES = (
     ("errors", "kernel"),
-    ("grid",),
+    ("grid", "memory"),
     ("recipe", "mesh", "samples"),
     ("world",),
     ("field", "edits", "mesher", "wire", "store"),

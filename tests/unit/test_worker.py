@@ -12,10 +12,11 @@ from dataclasses import replace
 
 import pytest
 
-from chunkserver import worker
+from chunkserver import memory, worker
 from chunkserver.errors import BadKey, ChunkError, DeadlinePassed, WireError
 from chunkserver.grid import ChunkKey
 from chunkserver.kernel import SOURCES_DIGEST
+from chunkserver.memory import SLOT_BYTES, Slot, slot_memory
 from chunkserver.mesher import MESHERS
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import BUILTINS, WorldRecipe, builtin
@@ -56,12 +57,12 @@ def test_a_frame_longer_than_the_limit_is_neither_made_nor_read():
 @pytest.fixture
 def slots():
     """The two ends of a slot, and the descriptor of its memory."""
-    memory = worker.slot_memory()
-    ours, theirs = worker.Slot(memory), worker.Slot(memory)
-    yield ours, theirs, memory
+    descriptor = slot_memory()
+    ours, theirs = Slot(descriptor), Slot(descriptor)
+    yield ours, theirs, descriptor
     for slot in (ours, theirs):
         slot.close()
-    os.close(memory)
+    os.close(descriptor)
 
 
 @pytest.fixture
@@ -78,7 +79,7 @@ def served(slots):
             assert worker.receive(answers, 1000) == os.getpid()
 
             def ask(request, seconds=60.0):
-                ours.sendall(worker.pack((request, time.monotonic() + seconds), worker.FRAME_BYTES_MAX))
+                ours.sendall(worker.pack((request, time.monotonic() + seconds, None), worker.FRAME_BYTES_MAX))
                 answer = worker.receive(answers, worker.FRAME_BYTES_MAX)
                 if not isinstance(answer, tuple):
                     return answer
@@ -100,27 +101,27 @@ def test_a_worker_answers_until_its_pipe_ends(served):
             assert (built.content, body, built.revision) == ("surface", repr(REQUEST).encode(), 7)
 
 
-SIZES = (0, 1, worker.SLOT_BYTES, worker.SLOT_BYTES + 1, 20_000_000, 5, 3 << 20, 0, worker.SLOT_BYTES)
+SIZES = (0, 1, SLOT_BYTES, SLOT_BYTES + 1, 20_000_000, 5, 3 << 20, 0, SLOT_BYTES)
 
 
 def test_a_slot_grows_for_a_body_and_shrinks_when_it_is_taken(slots):
-    ours, theirs, memory = slots
+    ours, theirs, descriptor = slots
     for size in SIZES:
         body = random.Random(size).randbytes(size)
         theirs.put(body)
-        assert os.fstat(memory).st_size == max(size, worker.SLOT_BYTES)
+        assert os.fstat(descriptor).st_size == max(size, SLOT_BYTES)
         assert ours.take(size) == body
-        assert os.fstat(memory).st_size == worker.SLOT_BYTES
+        assert os.fstat(descriptor).st_size == SLOT_BYTES
 
 
 def test_a_body_beyond_the_limit_is_a_fault_and_the_next_is_right(served, monkeypatch):
-    monkeypatch.setattr(worker, "BODY_BYTES_MAX", worker.SLOT_BYTES + 10)
-    with served(lambda request, _stage: Chunk("surface", bytes(worker.SLOT_BYTES + request.key.x))) as ask:
+    monkeypatch.setattr(memory, "BODY_BYTES_MAX", SLOT_BYTES + 10)
+    with served(lambda request, _stage: Chunk("surface", bytes(SLOT_BYTES + request.key.x))) as ask:
         text = ask(replace(REQUEST, key=ChunkKey(0, 11, 0, 0)))
         assert text.startswith("Traceback")
-        assert f"a body has {worker.SLOT_BYTES + 11} bytes; the limit is {worker.SLOT_BYTES + 10}" in text
+        assert f"a body has {SLOT_BYTES + 11} bytes; the limit is {SLOT_BYTES + 10}" in text
         built, body = ask(replace(REQUEST, key=ChunkKey(0, 10, 0, 0)))
-        assert len(body) == built.length == worker.SLOT_BYTES + 10
+        assert len(body) == built.length == SLOT_BYTES + 10
 
 
 def test_the_time_of_each_stage_is_told(served):
@@ -228,24 +229,26 @@ def cache(tmp_path, monkeypatch):
     """An empty cache root in which warming builds nothing."""
     monkeypatch.setattr(worker, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(worker, "CACHE_DIR", tmp_path / "kernels-now")
-    monkeypatch.setattr(worker, "build_chunk", lambda _request: None)
+    monkeypatch.setattr(worker, "build_chunk", lambda _request, edited=None: edited)
     monkeypatch.setattr(worker, "compile_interpreter", lambda: None)
     monkeypatch.setattr(worker, "COMPILE_REST", (sys.executable, "-c", ""))
     return tmp_path
 
 
 def test_warming_counts_what_it_compiled(cache, monkeypatch):
-    built = []
+    built, edits = [], []
 
-    def build(request):
+    def build(request, edited=None):
         built.append(request)
+        edits.extend([] if edited is None else [edited])
         (cache / "kernels-now" / f"{len(built)}.nbi").touch()
 
     monkeypatch.setattr(worker, "build_chunk", build)
     warmth = worker.warm()
-    assert warmth.compiled == len(built) == len(list(worker.warm_requests()))
+    assert warmth.compiled == len(built) == len(list(worker.warm_requests())) + len(edits)
+    assert len(edits) == 1
     assert warmth.sources == SOURCES_DIGEST
-    monkeypatch.setattr(worker, "build_chunk", lambda _request: None)
+    monkeypatch.setattr(worker, "build_chunk", lambda _request, edited=None: edited)
     assert worker.warm().compiled == 0
 
 

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from math import frexp
 from typing import Final, NamedTuple
 
+from chunkserver.edits import Bricks, Deltas
 from chunkserver.errors import ChunkError
+from chunkserver.grid import ChunkShape
+from chunkserver.mesher import MESHERS
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.worker import FRAME_BYTES_MAX, pack
 
@@ -50,6 +53,8 @@ class Job:
 
     begun: to be called when a worker gets it.
     asked, deadline: seconds of the monotonic clock.
+    bricks: that the chunk's deltas are read from, if it was edited; kept with the job, so that they stay where they are
+        until a worker has read them.
     losses: counts the workers that were lost with it.
     """
 
@@ -59,19 +64,32 @@ class Job:
     asked: float
     deadline: float
     answer: asyncio.Future[Chunk]
+    bricks: Bricks | None = None
     losses: int = 0
 
     @classmethod
     def of(
-        cls, request: ChunkRequest, seconds: float, rank: Rank = FIRST, begun: Callable[[], None] = lambda: None
+        cls,
+        request: ChunkRequest,
+        seconds: float,
+        rank: Rank = FIRST,
+        begun: Callable[[], None] = lambda: None,
+        bricks: Bricks | None = None,
     ) -> "Job":
         """Return a job that is asked for now and has `seconds` to its deadline."""
         now = time.monotonic()
-        return cls(request, rank, begun, now, now + seconds, asyncio.get_running_loop().create_future())
+        return cls(request, rank, begun, now, now + seconds, asyncio.get_running_loop().create_future(), bricks)
 
     def frame(self) -> bytes:
         """Return what a worker is sent. Raises `WireError` if the request is too large for a frame."""
-        return pack((self.request, self.deadline), FRAME_BYTES_MAX)
+        return pack((self.request, self.deadline, self._deltas()), FRAME_BYTES_MAX)
+
+    def _deltas(self) -> Deltas | None:
+        if self.bricks is None:
+            return None
+        request = self.request
+        shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
+        return Deltas.of(self.bricks, request.key, shape, request.coarser)
 
     def settle(self, answer: Chunk | ChunkError) -> bool:
         """Give the caller the answer. Return whether that was there to take it."""

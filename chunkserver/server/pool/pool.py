@@ -13,13 +13,16 @@ the lost. Starts that fail are spaced out, up to RETRY_SECONDS_MAX apart.
 
 import asyncio
 import logging
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
+from chunkserver.edits import Bricks
 from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WireError, WorkerLost
+from chunkserver.memory import arena_memory, mapped
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.pool.job import URGENCY_DEFAULT, Job, rank
 from chunkserver.server.pool.tally import QUEUE, Tally
@@ -44,12 +47,14 @@ class Limits:
     build_seconds: one build; a worker that takes longer is taken for hung. Its job is tried once more, so that twice
         this lies well within `answer_seconds`.
     worker_bytes: what a worker's own memory may have grown by before it is replaced.
+    arena_bytes: for the bricks of edits. What is not written to takes no memory.
     """
 
     jobs_waiting: int = 256
     answer_seconds: float = 30.0
     build_seconds: float = 10.0
     worker_bytes: int = 1 << 28
+    arena_bytes: int = 1 << 29
 
 
 LIMITS_DEFAULT: Final = Limits()
@@ -59,6 +64,9 @@ class Pool:
     """Builds chunks in `workers` processes. Belongs to the event loop in which it is started.
 
     tally: what it has counted.
+    arena: (n,) int32, memory that all workers read: where bricks have to lie.
+
+    Raises OSError if there is no memory to share.
     """
 
     def __init__(
@@ -67,6 +75,8 @@ class Pool:
         limits: Limits = LIMITS_DEFAULT,
         command: Sequence[str] = FORK_SERVER,
     ) -> None:
+        self._arena = arena_memory(limits.arena_bytes)
+        self.arena = mapped(self._arena, writable=True)
         self.tally = Tally()
         self._count = workers
         self._limits = limits
@@ -115,6 +125,7 @@ class Pool:
         *,
         urgency: int = URGENCY_DEFAULT,
         distance: float = 0.0,
+        bricks: Bricks | None = None,
     ) -> asyncio.Future[Chunk]:
         """Return what `build_chunk` returns, made by a worker. Cancelled before it calls `begun`, it leaves the queue.
 
@@ -123,11 +134,12 @@ class Pool:
         begun: called when a worker gets the request, and once more if that worker is lost.
         urgency: from 0, first, to 7. distance: from the viewer, in chunk lengths; of equal urgency the near ones are
             first, of these the coarse ones.
+        bricks: of the world at the request's revision, if an edit has reached the chunk. They lie in `arena`.
 
         It raises what `build_chunk` raises; `Overloaded`, `DeadlinePassed`, `WorkerLost`, or `Unavailable` while the
         pool closes; plain `ChunkError` for a fault of ours, which is in the log.
         """
-        job = Job.of(request, self._limits.answer_seconds, rank(urgency, distance, request.key.lod), begun)
+        job = Job.of(request, self._limits.answer_seconds, rank(urgency, distance, request.key.lod), begun, bricks)
         if self._closing:
             job.settle(_stopping())
             return job.answer
@@ -150,6 +162,9 @@ class Pool:
             await asyncio.wait(self._tasks)
         for job in self._waiting:
             job.settle(_stopping())
+        if self._arena >= 0:
+            os.close(self._arena)
+            self._arena = -1
 
     def _answered(self, job: Job, answer: asyncio.Future[Chunk]) -> None:
         if answer.cancelled():
@@ -294,7 +309,7 @@ class Pool:
         lost = len(self._lost_jobs)
         self._workers.add(worker)
         try:
-            await fork_server.fork(worker)
+            await fork_server.fork(worker, self._arena)
         except ConnectionError as error:
             self._workers.discard(worker)
             _log.warning("no worker was started: %s", error)

@@ -34,10 +34,11 @@ from typing import Any, Final, cast
 
 from chunkserver.errors import ChunkError, DeadlinePassed, Unavailable, WireError
 from chunkserver.kernel import SOURCES_DIGEST
+from chunkserver.memory import Slot, slot_memory
 from chunkserver.pipeline import Chunk
 from chunkserver.server.pool.job import Job
 from chunkserver.server.pool.tally import BUILD, Tally
-from chunkserver.worker import FRAME_BYTES_MAX, HEADER, Built, Slot, Warmth, frame_bytes, slot_memory
+from chunkserver.worker import FRAME_BYTES_MAX, HEADER, Built, Warmth, frame_bytes
 
 FORK_SERVER: Final = (sys.executable, "-P", "-m", "chunkserver.worker")
 """-P: what lies in the working directory is not imported."""
@@ -215,15 +216,18 @@ class ForkServer(_Pipe):
             raise Unavailable(message, sources=SOURCES_DIGEST, on_disk=warmth.sources)
         return warmth
 
-    async def fork(self, worker: Worker) -> None:
-        """Start `worker`. Raises OSError if it says nothing in time, ConnectionError if it ends instead."""
+    async def fork(self, worker: Worker, arena: int) -> None:
+        """Start `worker`. Raises OSError if it says nothing in time, ConnectionError if it ends instead.
+
+        arena: descriptor of the memory that bricks lie in.
+        """
         memory = slot_memory()
         try:
             worker.slot = Slot(memory)
             ours, theirs = socket.socketpair()
             worker.pipe = ours
             with theirs:
-                self._ask_for_fork(ours, theirs.fileno(), memory)
+                self._ask_for_fork(ours, theirs.fileno(), memory, arena)
         finally:
             os.close(memory)
         await asyncio.get_running_loop().create_connection(lambda: worker, sock=ours)

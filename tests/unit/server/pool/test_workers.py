@@ -39,7 +39,7 @@ def test_a_fork_that_cannot_be_asked_for_leaves_no_socket(recwarn):
         fork_server = ForkServer(SLEEPER, lambda: None)
         fork_server._control.close()
         with pytest.raises(OSError, match="descriptor"):
-            await fork_server.fork(Worker(Tally(), print, print))
+            await fork_server.fork(Worker(Tally(), print, print), 0)
         await fork_server.end()
 
     asyncio.run(scenario())
