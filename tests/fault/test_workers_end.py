@@ -31,7 +31,7 @@ def test_a_stop_of_the_whole_group_is_the_servers_to_answer(run):
     run(scenario())
 
 
-def test_a_worker_has_its_pipe_its_slot_and_nothing_else_of_the_server(run):
+def test_a_worker_has_its_pipe_its_slot_the_arena_and_nothing_else_of_the_server(run):
     async def scenario():
         async with running(workers=3) as pool:
             os.kill(workers()[0], signal.SIGKILL)
@@ -39,8 +39,9 @@ def test_a_worker_has_its_pipe_its_slot_and_nothing_else_of_the_server(run):
             for pid in workers():
                 files = [str(link.readlink()) for link in Path(f"/proc/{pid}/fd").iterdir()]
                 assert len([file for file in files if file.startswith("socket:")]) == 1
-                assert len([file for file in files if file.startswith("/memfd:")]) == 1
-                assert len(files) == 5, "stdin, stdout, stderr, the pipe and the slot"
+                shared = sorted(file.split()[0] for file in files if file.startswith("/memfd:"))
+                assert shared == ["/memfd:chunkserver-arena", "/memfd:chunkserver-slot"]
+                assert len(files) == 6, "stdin, stdout, stderr, the pipe, the slot and the arena"
             told = json.loads((await pool.build(stub.ask("tell"))).body)
             assert told["pid"] in workers()
             web = {"asyncio", "fastapi", "starlette", "uvicorn", "uvloop", "httptools", "typer"}

@@ -109,7 +109,7 @@ def test_a_change_of_any_file_shows_but_in_the_service(tmp_path):
         path.write_bytes(source)
     rooms = ("server", "store", "commands", "wire/reading")
     service = {path.relative_to(copy).as_posix() for room in rooms for path in (copy / room).rglob("*.py")}
-    assert unseen == {"__init__.py", "__main__.py", "errors.py", "worker.py", "world.py", *service}
+    assert unseen == {"__init__.py", "__main__.py", "errors.py", "memory.py", "worker.py", "world.py", *service}
 
 
 def test_the_cache_folder_is_the_one_chosen_or_the_users(monkeypatch, tmp_path):
