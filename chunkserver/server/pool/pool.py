@@ -22,7 +22,7 @@ from typing import Final
 
 from chunkserver.edits import Bricks
 from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WireError, WorkerLost
-from chunkserver.memory import arena_memory, mapped
+from chunkserver.memory import NO_ARENA, arena_memory, mapped
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.pool.job import URGENCY_DEFAULT, Job, rank
 from chunkserver.server.pool.tally import QUEUE, Tally
@@ -164,7 +164,7 @@ class Pool:
             job.settle(_stopping())
         if self._arena >= 0:
             os.close(self._arena)
-            self._arena = -1
+            self._arena, self.arena = -1, NO_ARENA
 
     def _answered(self, job: Job, answer: asyncio.Future[Chunk]) -> None:
         if answer.cancelled():
