@@ -3,8 +3,7 @@
 from chunkserver.edits.bricks import Bricks
 from chunkserver.edits.deltas import Deltas
 from chunkserver.edits.edit import Edit
-from chunkserver.edits.effect import changed
-from chunkserver.edits.headroom import Headroom
-from chunkserver.edits.reach import stale
+from chunkserver.edits.history import History
+from chunkserver.edits.reach import Range
 
-__all__ = ["Bricks", "Deltas", "Edit", "Headroom", "changed", "stale"]
+__all__ = ["Bricks", "Deltas", "Edit", "History", "Range"]

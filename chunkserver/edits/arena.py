@@ -28,12 +28,14 @@ class Arena:
     """Slots for bricks.
 
     deltas: (slots, BRICK_DELTAS) int32, C order: where they lie. Its memory may be shared with other processes.
+    reserved: slots that edits may want which are not folded yet. `take` does not look at it.
     """
 
     def __init__(self, deltas: _Ints | None = None) -> None:
         self.deltas = np.zeros((SLOTS_DEFAULT, BRICK_DELTAS), np.int32) if deltas is None else deltas
         self._given_back: list[int] = []
         self._used = 0
+        self.reserved = 0
 
     @property
     def taken(self) -> int:

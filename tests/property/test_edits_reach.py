@@ -7,9 +7,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits import Bricks, Edit, changed, stale
+from chunkserver.edits import Bricks, Edit
 from chunkserver.edits.boxes import Box
-from chunkserver.edits.reach import Range
+from chunkserver.edits.effect import changed
+from chunkserver.edits.reach import Range, stale
 from chunkserver.grid import MASK_MAX
 from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.samples import coarse_box

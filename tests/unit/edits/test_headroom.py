@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from chunkserver.edits import Edit, Headroom
-from chunkserver.edits.headroom import FIELD_UNITS, ROUNDING_UNITS
+from chunkserver.edits import Edit
+from chunkserver.edits.headroom import FIELD_UNITS, ROUNDING_UNITS, Headroom
 from chunkserver.edits.strokes import DELTA_MAX, UNITS_MAX, UNITS_PER_VOXEL
 from chunkserver.errors import BadStroke
 from tests.strokes import delta_of, no_bricks, shape_of

@@ -6,9 +6,11 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from chunkserver.edits import Edit, changed, stale
+from chunkserver.edits import Edit
 from chunkserver.edits.boxes import Box
 from chunkserver.edits.brushes import brush
+from chunkserver.edits.effect import changed
+from chunkserver.edits.reach import stale
 from chunkserver.grid import LATTICE_MAX
 from tests.strokes import delta_of, no_bricks
 
