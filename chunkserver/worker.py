@@ -35,7 +35,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, NoReturn, get_args
@@ -43,9 +43,9 @@ from typing import Any, BinaryIO, Final, NamedTuple, NoReturn, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits import Bricks, Deltas
+from chunkserver.edits import Arena, Bricks, Deltas, Edit, History
 from chunkserver.errors import ChunkError, DeadlinePassed, WireError
-from chunkserver.field import compile_beside, compile_interpreter
+from chunkserver.field import compiling
 from chunkserver.grid import CELLS_BUILT, MASK_MAX, ChunkKey, ChunkShape
 from chunkserver.kernel import CACHE_DIR, SOURCES_DIGEST, cache_root
 from chunkserver.memory import NO_ARENA, Slot, mapped
@@ -67,6 +67,8 @@ assert 4 * TRACEBACK_CHARACTERS_MAX < FRAME_BYTES_MAX
 
 COMPILE_REST: Final = (sys.executable, "-P", "-c", "from chunkserver.worker import compile_rest; compile_rest()")
 
+ARENA_BYTES_TO_COMPILE: Final = 1 << 21
+"""Of a world that is edited once."""
 CACHE_FOLDERS_MAX: Final = 8
 """Folders of compiled code that `warm` keeps, the current one included."""
 
@@ -240,7 +242,7 @@ def _compile_in_two() -> None:
     """
     with subprocess.Popen(COMPILE_REST) as beside:
         try:
-            compile_interpreter()
+            compiling.compile_interpreter()
             _extract_ball(skirts=True)
         finally:
             beside.wait()
@@ -250,7 +252,8 @@ def compile_rest() -> None:
     """Compile, beside the field's interpreter, the rest: every mesher, and what else the field says."""
     _extract_ball()
     _extract_ball(MASK_MAX)
-    compile_beside()
+    edit_once()
+    compiling.compile_beside()
 
 
 def _extract_ball(mask: int = 0, skirts: bool = False) -> None:
@@ -285,6 +288,17 @@ def _build_edited() -> None:
     bricks = Bricks(1)
     deltas = Deltas.of(bricks, request.key, ChunkShape(request.cells))
     build_chunk(request, edited=Edited(bricks.arena.deltas, deltas._replace(own=deltas.own._replace(low=-1))))
+
+
+@cache
+def edit_once() -> None:
+    """Compile, or load from disk, what edits run: one of each kind of stroke, where all is air."""
+    bricks = Bricks(2, Arena(np.zeros(ARENA_BYTES_TO_COMPILE // 4, np.int32)))
+    shape = {"shape": "sphere", "center": [0, 0, 0], "radius": 1}
+    kinds: list[dict[str, Any]] = [{"op": "carve"}, {"op": "fill"}, {"op": "add", "strength": 1}]
+    edit = Edit.of([shape | kind for kind in kinds])
+    History(bricks, lambda low, _: (np.ones(low.shape[1]), np.ones(low.shape[1])), min(CELLS_BUILT)).take(edit)
+    bricks.apply([edit], 1, lambda box: np.ones(box.shape, np.float32))
 
 
 def _compiled() -> int:

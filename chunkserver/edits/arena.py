@@ -25,14 +25,15 @@ _Ints = NDArray[np.int32]
 
 
 class Arena:
-    """Slots for bricks.
+    """Slots for bricks, in memory of any shape that has whole bricks.
 
     deltas: (slots, BRICK_DELTAS) int32, C order: where they lie. Its memory may be shared with other processes.
     reserved: slots that edits may want which are not folded yet. `take` does not look at it.
     """
 
     def __init__(self, deltas: _Ints | None = None) -> None:
-        self.deltas = np.zeros((SLOTS_DEFAULT, BRICK_DELTAS), np.int32) if deltas is None else deltas
+        memory = np.zeros(SLOTS_DEFAULT * BRICK_DELTAS, np.int32) if deltas is None else deltas
+        self.deltas = memory.reshape(-1, BRICK_DELTAS)
         self._given_back: list[int] = []
         self._used = 0
         self.reserved = 0

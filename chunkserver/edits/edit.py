@@ -1,5 +1,6 @@
 """An edit: strokes that are applied as one, read from JSON values and written as the bytes that a log keeps."""
 
+import hashlib
 import json
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -21,6 +22,7 @@ EDIT_BRICKS_MAX: Final = 1 << 15
 """Bricks that these meet, those of each stroke counted: what bounds the memory that it takes, 512 MiB."""
 SOURCE_BYTES_MAX: Final = 1 << 23
 """Of an edit's source: room for the largest deltas, which are 1.4 MB each, five times."""
+DIGEST_BYTES: Final = 16
 VALUE_CHARACTERS_MAX: Final = 80
 """Of a value that is named in an error."""
 
@@ -42,6 +44,11 @@ class Edit:
 
     source: bytes
     strokes: tuple[Stroke, ...] = field(compare=False, repr=False)
+
+    @property
+    def digest(self) -> bytes:
+        """Of the source: equal edits have equal digests."""
+        return hashlib.blake2b(self.source, digest_size=DIGEST_BYTES).digest()
 
     @classmethod
     def of(cls, strokes: object) -> "Edit":

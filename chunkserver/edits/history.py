@@ -8,18 +8,18 @@ there are then and from the boxes of all edits between. So it is known at any ti
 which is its last of those that are folded. Pure: whoever writes and folds does so elsewhere, and says when it is done.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
 from chunkserver.edits.boxes import Box
-from chunkserver.edits.bricks import Bricks, keys_in
+from chunkserver.edits.bricks import Bricks, Key, keys_in
 from chunkserver.edits.brushes import brush
 from chunkserver.edits.edit import Edit
 from chunkserver.edits.effect import Bounds, changed
 from chunkserver.edits.headroom import Headroom
-from chunkserver.edits.reach import Range, stale
+from chunkserver.edits.reach import Range, read_ranges, stale, written
 from chunkserver.edits.reached import Reached, holds
 from chunkserver.errors import Overloaded, StoreFull
 from chunkserver.grid import ChunkKey
@@ -35,15 +35,20 @@ ROOM_FACTOR: Final = 2
 class Taken(NamedTuple):
     """An edit that was taken, and may be written.
 
-    stale: the chunks that it may change; chunks: how many. boxes: outside which it changes no delta. bricks: how many
-        it may change.
+    stale: the chunks that it may change; chunks: how many. boxes: outside which it changes no delta. bricks: those that
+        are written to for it.
     """
 
     edit: Edit
     stale: Sequence[Range]
     chunks: int
     boxes: Sequence[Box]
-    bricks: int
+    bricks: frozenset[Key]
+
+    @property
+    def told(self) -> bytes:
+        """What it makes stale, as JSON: a list of objects with `lod`, and the `min` and `max` of a range of chunks."""
+        return written(self.stale)
 
 
 class History:
@@ -62,6 +67,7 @@ class History:
         self._taken: deque[Taken] = deque()
         self._unfolded: deque[Taken] = deque()
         self._chunks_pending = 0
+        self._bricks_pending: Counter[Key] = Counter()
 
     def take(self, edit: Edit) -> Taken:
         """Return the edit with what it may change. It counts until it is dropped or folded.
@@ -81,11 +87,12 @@ class History:
         self._count(taken, 1)
         return taken
 
-    def logged(self, edit: Edit, ranges: Sequence[Range]) -> None:
+    def logged(self, source: bytes, told: bytes) -> None:
         """Note the next edit that the log has, at a start. All of those have to be folded before another one is taken.
 
-        ranges: the chunks that it was said to change.
+        source: of the edit. told: what it makes stale, as it was told then.
         """
+        edit, ranges = Edit.read(source), read_ranges(told)
         boxes = [box for box in (brush(stroke).box for stroke in edit.strokes) if box.points]
         taken = _taken(edit, ranges, boxes, self.bricks.lods)
         self._count(taken, 1)
@@ -135,32 +142,39 @@ class History:
     def _check_room(self, taken: Taken) -> None:
         arena = self.bricks.arena
         free = max(len(arena.deltas) - arena.taken - ROOM_FACTOR * arena.reserved, 0) // ROOM_FACTOR
-        if taken.bricks > free:
-            message = f"the edit may change {taken.bricks} bricks; there is room for {free} more"
-            raise StoreFull(message, bricks=taken.bricks, free=free)
+        wanted = sum(key not in self._bricks_pending for key in taken.bricks)
+        if wanted > free:
+            message = f"the edit may change {wanted} bricks; there is room for {free} more"
+            raise StoreFull(message, bricks=wanted, free=free)
         chunks = len(self._reached) + self._chunks_pending
         if chunks + taken.chunks > CHUNKS_MAX:
             message = f"edits have reached {chunks} chunks of this world, and this one reaches {taken.chunks} more"
             raise StoreFull(f"{message}; the limit is {CHUNKS_MAX}", chunks_max=CHUNKS_MAX)
 
     def _count(self, taken: Taken, by: int) -> None:
+        """Count an edit that waits (by 1), or does so no longer (by -1). A brick that two of them want counts once."""
         self._chunks_pending += by * taken.chunks
-        self.bricks.arena.reserved += by * taken.bricks
+        pending, before = self._bricks_pending, len(self._bricks_pending)
+        for key in taken.bricks:
+            pending[key] += by
+            if not pending[key]:
+                del pending[key]
+        self.bricks.arena.reserved += len(pending) - before
 
 
 def _taken(edit: Edit, ranges: Sequence[Range], boxes: Sequence[Box], lods: int) -> Taken:
     return Taken(edit, ranges, sum(map(_chunks, ranges)), boxes, _bricks_met(edit, lods))
 
 
-def _bricks_met(edit: Edit, lods: int) -> int:
-    """Return how many bricks an edit can change, on all levels."""
-    met = set()
+def _bricks_met(edit: Edit, lods: int) -> frozenset[Key]:
+    """Return the bricks that are written to for an edit, on all levels."""
+    met: set[Key] = set()
     for stroke in edit.strokes:
         box = brush(stroke).box
         for lod in range(lods if box.points else 0):
             met.update(keys_in(lod, box))
             box = box.coarser()
-    return len(met)
+    return frozenset(met)
 
 
 def _chunks(found: Range) -> int:

@@ -1,5 +1,6 @@
 """Which chunks read what an edit can change: through the filter between levels, aprons and masks."""
 
+import json
 from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import NamedTuple
@@ -19,6 +20,17 @@ class Range(NamedTuple):
     lod: int
     low: Place
     high: Place
+
+
+def written(ranges: Iterable[Range]) -> bytes:
+    """Return the ranges as JSON: what is answered to who sends an edit, and kept with it."""
+    told = [{"lod": lod, "min": low, "max": high} for lod, low, high in ranges]
+    return json.dumps(told, separators=(",", ":")).encode()
+
+
+def read_ranges(told: bytes) -> list[Range]:
+    """Return what `written` was given."""
+    return [Range(each["lod"], tuple(each["min"]), tuple(each["max"])) for each in json.loads(told)]
 
 
 def stale(boxes: Sequence[Box], cells: int, lods: int = LOD_MAX + 1) -> list[Range]:

@@ -62,6 +62,7 @@ NEEDS: Final = (
             "/v1/seeds/{seed}",
             "/v1/worlds",
             "/v1/worlds/{world}",
+            "/v1/worlds/{world}/edits",
             "/v1/recipes",
             "/v1/recipes/{recipe}",
             "/",
@@ -72,7 +73,7 @@ NEEDS: Final = (
     ),
     Row(None, "GET", ("/livez", "/readyz")),
     Row(Scope.READ, "POST", ("/v1/worlds/{world}/chunks", "/v1/seeds/{seed}/chunks")),
-    Row(Scope.EDIT, "POST", ("/v1/recipes",)),
+    Row(Scope.EDIT, "POST", ("/v1/recipes", "/v1/worlds/{world}/edits")),
     Row(Scope.ADMIN, "POST", ("/v1/worlds",)),
     Row(Scope.ADMIN, "DELETE", ("/v1/worlds/{world}",)),
 )

@@ -12,7 +12,19 @@ from starlette.types import Scope as Asked
 
 from chunkserver import __version__
 from chunkserver.errors import ChunkError
-from chunkserver.server import batch, health, landing, metrics, openapi, problems, recipes, seeds, world_chunks, worlds
+from chunkserver.server import (
+    batch,
+    edits,
+    health,
+    landing,
+    metrics,
+    openapi,
+    problems,
+    recipes,
+    seeds,
+    world_chunks,
+    worlds,
+)
 from chunkserver.server.access import Access, check_exposure
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
@@ -80,11 +92,11 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         cache,
         Answers(cache, cors),
         PostedRecipes(),
-        WorldStore(store, settings.answer_seconds),
+        WorldStore(store, settings.answer_seconds, pool.arena),
         GeometricErrors(pool),
         Connections(settings.connection_limits),
     )
-    for room in (landing, health, metrics, recipes, worlds, world_chunks, seeds, batch):
+    for room in (landing, health, metrics, recipes, worlds, edits, world_chunks, seeds, batch):
         app.include_router(room.router)
     problems.install(app)
     openapi.install(app)

@@ -236,9 +236,8 @@ class _Work:
         if self._service.pool.refuses(self._urgency, item.key.lod) and not cache.at_hand(tag):
             self._hold(item)
             return 0
-        request = item.plan.request(version)
-        distance = item.distance / request.cells
-        build = partial(self._service.pool.build, request, urgency=self._urgency, distance=distance)
+        distance = item.distance / item.plan.template.cells
+        build = item.plan.build(self._service.pool, version, self._urgency, distance)
         name = partial(item.plan.tag_shown, version)
         building = self._building[item.number] = cache.ask(tag, build, self._urgency, name)
         building.chunk.add_done_callback(partial(self._built, item, version))

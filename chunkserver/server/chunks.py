@@ -123,8 +123,7 @@ async def reply(service: Service, plan: Plan, version: Version, known: bool, rec
         return plan.not_modified(version)
     chunk = service.cache.find(version.tag)
     if chunk is None:
-        build = partial(service.pool.build, plan.request(version), urgency=urgent)
-        name = partial(plan.tag_shown, version)
+        build, name = plan.build(service.pool, version, urgent), partial(plan.tag_shown, version)
         chunk = await while_there(receive, service.cache.get_or_build(version.tag, build, urgent, name))
     return Reply(CLIENT_LEFT, (), b"") if chunk is None else plan.found(version, chunk)
 

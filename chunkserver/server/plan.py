@@ -5,12 +5,13 @@ one, as long as it `holds`: nothing has to be looked at again but the coordinate
 last by now.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from http import HTTPStatus
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
+from chunkserver.edits import Bricks
 from chunkserver.grid import LOD_MAX, ChunkKey, check_key
 from chunkserver.pipeline import Chunk, ChunkRequest, check_request
 from chunkserver.server.etag import tags
@@ -23,6 +24,24 @@ WITHOUT_BODY: Final = Encoding().format
 IDENTITY: Final = Encoding().coding
 
 Headers = tuple[tuple[bytes, bytes], ...]
+Build = Callable[[Callable[[], None]], Awaitable[Chunk]]
+"""Builds one chunk; see `cache.Build`."""
+GetBricks = Callable[[ChunkKey, int], Awaitable[tuple[int, Bricks]]]
+
+
+class Builds(Protocol):
+    """What is wanted of a `Pool`."""
+
+    def build(
+        self,
+        request: ChunkRequest,
+        begun: Callable[[], None],
+        *,
+        urgency: int,
+        distance: float,
+        bricks: Bricks | None = None,
+    ) -> Awaitable[Chunk]:
+        """Build one chunk."""
 
 
 class Version(NamedTuple):
@@ -65,6 +84,7 @@ class Plan:
     holds: whether the same request would be answered in this way now.
     age: of what else an answer tells: one made at another age may not be given again as it is.
     last_edit: returns the revision of a chunk's own last edit.
+    bricks: returns the bricks for a chunk, as `Editing.bricks` does; None if no chunk is ever edited.
     epoch: of the world, if they are chunks of one.
     lods: how many LODs there are.
     """
@@ -76,6 +96,7 @@ class Plan:
     holds: Callable[[], bool]
     age: Callable[[], int]
     last_edit: Callable[[ChunkKey], int]
+    bricks: GetBricks | None
     epoch: str
     lods: int
 
@@ -87,6 +108,7 @@ class Plan:
         holds: Callable[[], bool],
         age: Callable[[], int] = _ageless,
         last_edit: Callable[[ChunkKey], int] = _never_edited,
+        bricks: GetBricks | None = None,
         epoch: str = "",
         lods: int = LOD_MAX + 1,
     ) -> "Plan":
@@ -95,7 +117,8 @@ class Plan:
         headers: returns those besides `ETag`, `Vary` and what tells of a body.
         """
         told = partial(_raw, headers)
-        return cls(template, _others(template), tags(template, epoch), told, holds, age, last_edit, epoch, lods)
+        others, tag = _others(template), tags(template, epoch)
+        return cls(template, others, tag, told, holds, age, last_edit, bricks, epoch, lods)
 
     def fitted(self, coarser: int) -> "Plan":
         """Return the plan for the same chunks with another mask of coarser neighbours.
@@ -134,6 +157,25 @@ class Plan:
         template = self.template
         values: tuple[Any, ...] = template.recipe, version.key, *self.others, version.revision, template.encoding
         return ChunkRequest(*values)  # a fifth of what `replace` takes
+
+    def build(self, pool: Builds, version: Version, urgency: int, distance: float = 0.0) -> Build:
+        """Return what builds a version of a chunk, or a later one if it is edited meanwhile. See `Pool.build`."""
+        if self.bricks is None or not version.revision:
+            return partial(pool.build, self.request(version), urgency=urgency, distance=distance)
+        return partial(self._build_edited, self.bricks, pool, version, urgency, distance)
+
+    async def _build_edited(
+        self,
+        bricks: GetBricks,
+        pool: Builds,
+        version: Version,
+        urgency: int,
+        distance: float,
+        begun: Callable[[], None],
+    ) -> Chunk:
+        revision, found = await bricks(version.key, version.revision)
+        request = self.request(version._replace(revision=revision))
+        return await pool.build(request, begun, urgency=urgency, distance=distance, bricks=found)
 
     def not_modified(self, version: Version) -> Reply:
         """Return the answer to a client that has the bytes of `version`."""

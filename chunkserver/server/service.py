@@ -4,8 +4,11 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Protocol
 
+import numpy as np
 from fastapi import Depends, Request
+from numpy.typing import NDArray
 
+from chunkserver.edits import Bricks
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
@@ -19,6 +22,10 @@ from chunkserver.server.store import WorldStore
 
 class Builder(Protocol):
     """Who builds chunks: `Pool`, or a stand-in of a test."""
+
+    @property
+    def arena(self) -> NDArray[np.int32]:
+        """Memory for bricks."""
 
     @property
     def ready(self) -> bool:
@@ -37,10 +44,11 @@ class Builder(Protocol):
         *,
         urgency: int = URGENCY_DEFAULT,
         distance: float = 0.0,
+        bricks: Bricks | None = None,
     ) -> Awaitable[Chunk]:
         """Build one chunk; raises `ChunkError`. Calls `begun` when it is no longer only waiting.
 
-        urgency: 0 (most) to 7. distance: in chunk lengths, from who looks at it.
+        urgency: 0 (most) to 7. distance: in chunk lengths, from who looks at it. bricks: see `Pool.build`.
         """
 
     async def close(self) -> None:

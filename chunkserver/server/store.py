@@ -3,10 +3,15 @@
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from chunkserver.errors import DeadlinePassed
 from chunkserver.pipeline import generator
+from chunkserver.server.editing import Editing
 from chunkserver.server.problems import OtherGenerator, UnknownWorld
 from chunkserver.store import Store
 from chunkserver.world import World
@@ -17,17 +22,20 @@ _Written = TypeVar("_Written")
 class WorldStore:
     """The worlds of one server. Belongs to the event loop; closes the store that it is given.
 
+    edits: theirs.
     durable: whether they outlive the server.
     answer_seconds: how long `at_revision` waits at most.
     """
 
-    def __init__(self, store: Store, answer_seconds: float) -> None:
+    def __init__(self, store: Store, answer_seconds: float, arena: NDArray[np.int32]) -> None:
+        self.edits = Editing(store, arena, answer_seconds)
+        self.edits.moved = self._move
         self.durable = store.folder is not None
         self.answer_seconds = answer_seconds
         self._store = store
         self._catalogue = store.catalogue
         self._writer = ThreadPoolExecutor(1, "catalogue")
-        self._changed = asyncio.Condition()
+        self._moved = asyncio.Event()
 
     def __len__(self) -> int:
         return len(self._catalogue)
@@ -39,11 +47,11 @@ class WorldStore:
         """
         world = self._kept(name)
         check_generator_of(world)
-        return world
+        return self._as_of_now(world)
 
     def page(self, after: str, limit: int) -> list[World]:
         """Return the first `limit` worlds whose id sorts behind `after`, by id, whatever generator made them."""
-        return self._catalogue.page(after, limit)
+        return [self._as_of_now(world) for world in self._catalogue.page(after, limit)]
 
     def holds(self, name: str, epoch: str) -> bool:
         """Return whether the world whose id is `name` still is the one of `epoch`."""
@@ -52,16 +60,14 @@ class WorldStore:
 
     def revision(self, name: str) -> int:
         """Return how many edits the world whose id is `name` has taken. Raises `UnknownWorld`."""
-        return self._kept(name).revision
+        return self.edits.revision(self._kept(name))
 
     async def at_revision(self, name: str, revision: int) -> World:
         """Return the world whose id is `name` when it has `revision`. Raises what `find` does, and `DeadlinePassed`."""
-        world = self.find(name)
-        if world.revision >= revision:
-            return world
         try:
-            async with asyncio.timeout(self.answer_seconds), self._changed:
-                await self._changed.wait_for(lambda: self.find(name).revision >= revision)
+            async with asyncio.timeout(self.answer_seconds):
+                while self.find(name).revision < revision:
+                    await self._moved.wait()
         except TimeoutError:
             message = f"world {name!r} did not get to revision {revision} within {self.answer_seconds:g} s"
             raise DeadlinePassed(message, min_revision=str(revision), answer_seconds=self.answer_seconds) from None
@@ -73,12 +79,16 @@ class WorldStore:
 
     async def delete(self, name: str) -> None:
         """Delete the world whose id is `name`. Raises `UnknownWorld` or `StoreError`."""
-        if await self._write(lambda: self._catalogue.delete(name)) is None:
+        gone = await self._write(lambda: self._catalogue.delete(name))
+        if gone is None:
             raise UnknownWorld(f"there is no world {name!r}", world=name)
+        self.edits.forget(gone.epoch)
 
     async def close(self) -> None:
         """Finish what is being written, and give the folder back."""
         await asyncio.to_thread(self._writer.shutdown)
+        await asyncio.to_thread(self._store.writer.close)
+        await self.edits.close()
         self._store.close()
 
     def _kept(self, name: str) -> World:
@@ -89,9 +99,17 @@ class WorldStore:
 
     async def _write(self, change: Callable[[], _Written]) -> _Written:
         written = await asyncio.get_running_loop().run_in_executor(self._writer, change)
-        async with self._changed:
-            self._changed.notify_all()
+        self._move()
         return written
+
+    def _as_of_now(self, world: World) -> World:
+        revision = self.edits.revision(world)
+        return world if revision == world.revision else replace(world, revision=revision)
+
+    def _move(self) -> None:
+        """Wake all who wait for a revision."""
+        self._moved.set()
+        self._moved = asyncio.Event()
 
 
 def check_generator_of(world: World) -> None:

@@ -135,12 +135,22 @@ async def world_plan(
     for key in keys:
         check_key(key, world.chunk_cells, world.lods, template.coarser)
     now = await worlds.at_revision(name, query.min_revision)
+    if now.revision:
+        await worlds.edits.open(now)
     if now.epoch != world.epoch:
         template = _template(now, query, encoding)
     headers = partial(_headers, worlds, name, now.epoch, query)
     headers(0)  # refuses a revision that is yet to come
-    holds, age = partial(worlds.holds, name, now.epoch), partial(worlds.revision, name)
-    return Plan.of(template, headers, holds, age, epoch=now.epoch, lods=now.lods)
+    return Plan.of(
+        template,
+        headers,
+        partial(worlds.holds, name, now.epoch),
+        partial(worlds.revision, name),
+        partial(worlds.edits.last_edit, now.epoch),
+        partial(worlds.edits.bricks, now.epoch),
+        now.epoch,
+        now.lods,
+    )
 
 
 def _headers(worlds: WorldStore, name: str, epoch: str, query: WorldChunkQuery, chunk_revision: int) -> dict[str, str]:

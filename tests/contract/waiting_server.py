@@ -10,8 +10,10 @@ import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
+from chunkserver.memory import NO_ARENA
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server import Settings, body, create_app, listen, run, serve
 from chunkserver.server.connections import ConnectionLimits, Connections
@@ -22,6 +24,7 @@ class WaitingPool:
     """Builds one kind of chunk, when `released` exists. The seed -1 fails."""
 
     ready = True
+    arena = NO_ARENA
 
     def __init__(self, released: Path) -> None:
         self.released = released
@@ -34,7 +37,7 @@ class WaitingPool:
     def refuses(self, _urgency: int, _lod: int) -> bool:
         return False
 
-    async def build(self, request: ChunkRequest, begun: Callable[[], None], **_rank: float) -> Chunk:
+    async def build(self, request: ChunkRequest, begun: Callable[[], None], **_rest: Any) -> Chunk:
         begun()
         if request.recipe.seed == -1:
             raise ValueError("a fault of the server")

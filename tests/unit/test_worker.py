@@ -14,6 +14,7 @@ import pytest
 
 from chunkserver import memory, worker
 from chunkserver.errors import BadKey, ChunkError, DeadlinePassed, WireError
+from chunkserver.field import compiling
 from chunkserver.grid import ChunkKey
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.memory import SLOT_BYTES, Slot, slot_memory
@@ -230,7 +231,7 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setattr(worker, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(worker, "CACHE_DIR", tmp_path / "kernels-now")
     monkeypatch.setattr(worker, "build_chunk", lambda _request, edited=None: edited)
-    monkeypatch.setattr(worker, "compile_interpreter", lambda: None)
+    monkeypatch.setattr(compiling, "compile_interpreter", lambda: None)
     monkeypatch.setattr(worker, "COMPILE_REST", (sys.executable, "-c", ""))
     return tmp_path
 
@@ -270,7 +271,7 @@ def test_the_first_start_compiles_in_two_processes_and_needs_neither(cache, monk
     beside = cache / "beside"
     command = f"open({str(beside)!r}, 'a').write('x'); raise SystemExit(1)"
     monkeypatch.setattr(worker, "COMPILE_REST", (sys.executable, "-c", command))
-    monkeypatch.setattr(worker, "compile_interpreter", (cache / "kernels-now" / "run.nbi").touch)
+    monkeypatch.setattr(compiling, "compile_interpreter", (cache / "kernels-now" / "run.nbi").touch)
     assert worker.warm().compiled == 1
     assert worker.warm().compiled == 0
     assert beside.read_text() == "x"

@@ -15,6 +15,7 @@ import asyncio
 import logging
 import os
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -76,6 +77,7 @@ class Pool:
         command: Sequence[str] = FORK_SERVER,
     ) -> None:
         self._arena = arena_memory(limits.arena_bytes)
+        self._let_go = weakref.finalize(self, os.close, self._arena)
         self.arena = mapped(self._arena, writable=True)
         self.tally = Tally()
         self._count = workers
@@ -162,9 +164,8 @@ class Pool:
             await asyncio.wait(self._tasks)
         for job in self._waiting:
             job.settle(_stopping())
-        if self._arena >= 0:
-            os.close(self._arena)
-            self._arena, self.arena = -1, NO_ARENA
+        self._let_go()
+        self.arena = NO_ARENA
 
     def _answered(self, job: Job, answer: asyncio.Future[Chunk]) -> None:
         if answer.cancelled():

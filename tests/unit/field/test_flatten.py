@@ -7,8 +7,7 @@ import pytest
 
 from chunkserver.errors import BadRecipe
 from chunkserver.field import (
-    compile_beside,
-    compile_interpreter,
+    compiling,
     interpreter,
     intervals,
     ops,
@@ -261,8 +260,8 @@ def test_a_tape_is_flattened_once():
 
 def test_no_recipe_compiles_anything():
     """Whatever the recipe, it is the same code that runs: a first chunk waits for no compiler."""
-    compile_beside()
-    compile_interpreter()
+    compiling.compile_beside()
+    compiling.compile_interpreter()
     kernels = interpreter.run, intervals.bound, patches.judge, patches.list_work, patches.settle, patches.miss
     compiled = [len(getattr(kernel, "signatures")) for kernel in kernels]  # noqa: B009 - a type checker knows no kernel
     for name in BUILTINS:

@@ -5,8 +5,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from fastapi.testclient import TestClient
 
+from chunkserver.edits import Bricks
 from chunkserver.grid import LOD_MAX
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe
@@ -15,6 +17,7 @@ from chunkserver.server.app import Application
 from chunkserver.server.service import Builder
 
 SURFACE = Chunk("surface", b"a mesh")
+SLOTS = 2048
 
 
 class StubPool:
@@ -25,6 +28,8 @@ class StubPool:
         self.error = error
         self.ready = ready
         self.full = False
+        self.arena = np.zeros(SLOTS * 4096, np.int32)
+        self.bricks: list[Bricks | None] = []
         self.built: list[ChunkRequest] = []
         self.ranks: list[tuple[int, float]] = []
         self.life: list[str] = []
@@ -39,9 +44,16 @@ class StubPool:
         return self.full
 
     async def build(
-        self, request: ChunkRequest, begun: Callable[[], None], *, urgency: int = 3, distance: float = 0.0
+        self,
+        request: ChunkRequest,
+        begun: Callable[[], None],
+        *,
+        urgency: int = 3,
+        distance: float = 0.0,
+        bricks: Bricks | None = None,
     ) -> Chunk:
         begun()
+        self.bricks.append(bricks)
         self.built.append(request)
         self.ranks.append((urgency, distance))
         if self.error is not None:

@@ -1,0 +1,148 @@
+"""Edits as a resource: one is appended to a world's log, and the log is read."""
+
+import json
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, WithJsonSchema
+
+from chunkserver.edits import Edit
+from chunkserver.errors import BadParameter, BadStroke, DeadlinePassed, Overloaded, StoreFull
+from chunkserver.server.body import JSON_MEDIA_TYPE, json_body, parsed
+from chunkserver.server.chunks import REVALIDATE
+from chunkserver.server.openapi import RESOURCE, header, problem_responses
+from chunkserver.server.parameters import Decimal, NoQuery, Revision, WorldId, refuse_repeats
+from chunkserver.server.problems import BodyTooLarge, BodyTooSlow, NotJson, OtherGenerator, UnknownWorld
+from chunkserver.server.service import ServiceOfApp
+from chunkserver.server.worlds import REVISION_PATTERN, WORLD
+
+EDITS: Final = f"{WORLD}/edits"
+BODY_BYTES_MAX: Final = 8 << 20
+"""Of a POST: some of the largest raw boxes."""
+EDITS_DEFAULT: Final = 100
+EDITS_MAX: Final = 1000
+"""Of one answer."""
+KEY_PATTERN: Final = "^[!-~]{1,128}$"
+
+_EXAMPLE: Final = {"op": "carve", "shape": "sphere", "center": [12, -3, 40.5], "radius": 6}
+_CACHE_CONTROL: Final = {"Cache-Control": header("Always `no-cache`.")}
+
+
+class NewEdit(BaseModel):
+    """What is to be changed, in one piece."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    strokes: list[JsonValue] = Field(
+        description="One after the other; docs/edits/strokes.md has their ops, shapes and limits.",
+        examples=[[_EXAMPLE]],
+    )
+
+
+class Range(BaseModel):
+    """Chunks of a level."""
+
+    lod: int
+    min: tuple[int, int, int] = Field(description="The first x, y, z.")
+    max: tuple[int, int, int] = Field(description="The last x, y, z, included.")
+
+
+class Written(BaseModel):
+    """An edit that is durable."""
+
+    revision: str = Field(pattern=REVISION_PATTERN, description="Of the world with this edit. A decimal string.")
+    duplicate: bool = Field(description="It had been written before, under the same key: this is the first answer.")
+    stale: list[Range] = Field(description="The chunks that it may have changed, each once.")
+
+
+class Logged(BaseModel):
+    """An edit of the log."""
+
+    revision: str = Field(pattern=REVISION_PATTERN)
+    strokes: list[JsonValue] = Field(description="As they were sent, defaults written out.")
+    stale: list[Range]
+
+
+class Edits(BaseModel):
+    """A part of a world's log."""
+
+    edits: list[Logged] = Field(description="In their order, without a hole.")
+    revision: str = Field(pattern=REVISION_PATTERN, description="Of the world: the log's last edit.")
+
+
+class LogQuery(NoQuery):
+    """Which part of the log."""
+
+    after: Revision = Field(0, description="The edits behind this revision.")
+    limit: Annotated[
+        Decimal,
+        Field(ge=1, le=EDITS_MAX),
+        WithJsonSchema({"type": "integer", "minimum": 1, "maximum": EDITS_MAX}),
+    ] = Field(EDITS_DEFAULT, description="At most so many.")
+
+
+IdempotencyKey = Annotated[
+    str | None,
+    Header(
+        alias="Idempotency-Key",
+        pattern=KEY_PATTERN,
+        description="Another name of this edit. Sent again with the same key, it is written once.",
+    ),
+]
+
+router: Final = APIRouter(dependencies=[Depends(refuse_repeats)], tags=["edits"])
+
+
+@router.post(
+    EDITS,
+    summary="Edit a world",
+    responses={
+        200: {"description": "It is durable, and in every chunk that is asked for from now on."},
+        **problem_responses(
+            *(BadParameter, BadStroke, UnknownWorld, OtherGenerator, BodyTooLarge, BodyTooSlow, NotJson),
+            *(Overloaded, DeadlinePassed, StoreFull),
+        ),
+    },
+    openapi_extra={
+        "requestBody": {"required": True, "content": {JSON_MEDIA_TYPE: {"schema": NewEdit.model_json_schema()}}}
+    },
+)
+async def edit_world(
+    world: WorldId,
+    _query: Annotated[NoQuery, Query()],
+    request: Request,
+    service: ServiceOfApp,
+    key: IdempotencyKey = None,
+) -> Written:
+    """One edit: its strokes are applied as one. The answer comes when it is durable."""
+    found = service.worlds.find(world)
+    edit = Edit.of(parsed(NewEdit, await json_body(request, BODY_BYTES_MAX)).strokes)
+    answer = await service.worlds.edits.take(found, edit, key)
+    return Written(revision=str(answer.revision), duplicate=answer.duplicate, stale=_ranges(answer.stale))
+
+
+@router.api_route(
+    EDITS,
+    methods=RESOURCE,
+    summary="The edits of a world",
+    responses={
+        200: {"description": "A part of the log.", "headers": _CACHE_CONTROL},
+        **problem_responses(BadParameter, UnknownWorld, OtherGenerator),
+    },
+)
+async def world_edits(
+    world: WorldId, query: Annotated[LogQuery, Query()], service: ServiceOfApp, response: Response
+) -> Edits:
+    """The log from a revision on: the whole of it, read part by part, makes the world again."""
+    response.headers["Cache-Control"] = REVALIDATE
+    found = service.worlds.find(world)
+    edits = await service.worlds.edits.read(found, query.after, query.limit)
+    logged = [
+        Logged(revision=str(revision), strokes=json.loads(source), stale=_ranges(json.loads(stale)))
+        for revision, source, stale in edits
+    ]
+    return Edits(edits=logged, revision=str(service.worlds.find(world).revision))
+
+
+def _ranges(told: list[dict[str, Any]]) -> list[Range]:
+    return [Range(**each) for each in told]
