@@ -8,6 +8,7 @@ there are then and from the boxes of all edits between. So it is known at any ti
 which is its last of those that are folded. Pure: whoever writes and folds does so elsewhere, and says when it is done.
 """
 
+import math
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from itertools import islice
@@ -163,7 +164,7 @@ class History:
 
 
 def _taken(edit: Edit, ranges: Sequence[Range], boxes: Sequence[Box], lods: int) -> Taken:
-    return Taken(edit, ranges, sum(map(_chunks, ranges)), boxes, _bricks_met(edit, lods))
+    return Taken(edit, ranges, int(math.fsum(map(_chunks, ranges))), boxes, _bricks_met(edit, lods))
 
 
 def _bricks_met(edit: Edit, lods: int) -> frozenset[Key]:

@@ -1,5 +1,6 @@
 """Which edit has reached each chunk last: the chunk's own revision."""
 
+import math
 from collections.abc import Iterable
 from typing import Final
 
@@ -20,7 +21,7 @@ class Reached:
 
     def __len__(self) -> int:
         """Return how many chunks were reached, on all levels."""
-        return sum(map(len, self._last.values()))
+        return int(math.fsum(map(len, self._last.values())))
 
     def note(self, revision: int, ranges: Iterable[Range]) -> None:
         """Note an edit that is later than all before: the chunks that it made stale."""

@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from chunkserver.edits import Edit
 from chunkserver.grid import ChunkKey
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.recipe import WorldRecipe, builtin
@@ -20,6 +21,7 @@ URL = "/v1/worlds/w/chunks/3/1/-2/5"
 NEW = {"id": "w", "seed": 42, "recipe": "hills", "voxel_size": 0.5, "lods": 5, "chunk_cells": 16}
 WORLD = World(id="w", recipe=WorldRecipe(42, builtin("hills")), recipe_name="hills", generator="ab", epoch="cd")
 WAIT_SECONDS_MAX = 20.0
+IN_THE_SKY = {"op": "carve", "shape": "sphere", "center": [0, 9000, 0], "radius": 3}
 
 
 @pytest.fixture
@@ -41,9 +43,9 @@ def tokens(client):
 
 
 def at(client, revision):
-    """Have the world take edits, as far as anybody can see."""
-    catalogue = client.app.state.service.worlds._catalogue
-    catalogue._worlds = {"w": dataclasses.replace(catalogue.find("w"), revision=revision)}
+    """Have the world take edits, none of which changes anything."""
+    while int(client.get("/v1/worlds/w").json()["revision"]) < revision:
+        client.post("/v1/worlds/w/edits", json={"strokes": [IN_THE_SKY]}).raise_for_status()
 
 
 def test_the_url_and_the_world_say_what_is_built(client, pool):
@@ -189,15 +191,10 @@ def test_min_revision_is_waited_for(client):
     waiting.start()
 
     async def edit():
-        async with store._changed:
-            while not store._changed._waiters:
-                store._changed.release()
-                await asyncio.sleep(0.001)
-                await store._changed.acquire()
+        while not store._moved._waiters:
+            await asyncio.sleep(0.001)
         for revision in (1, 2):
-            at(client, revision)
-            async with store._changed:
-                store._changed.notify_all()
+            await store.edits.take(store.find("w"), Edit.of([IN_THE_SKY]), None)
             await asyncio.sleep(0.01)
             if revision == 1:
                 assert not found, "one that is too old wakes nobody for good"
@@ -223,7 +220,7 @@ def test_a_world_that_is_deleted_ends_the_waiting(client):
     waiting.start()
 
     async def delete():
-        while not store._changed._waiters:
+        while not store._moved._waiters:
             await asyncio.sleep(0.001)
         await store.delete("w")
 
