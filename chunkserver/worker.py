@@ -252,7 +252,7 @@ def compile_rest() -> None:
     """Compile, beside the field's interpreter, the rest: every mesher, and what else the field says."""
     _extract_ball()
     _extract_ball(MASK_MAX)
-    edit_once()
+    _edit_once()
     compiling.compile_beside()
 
 
@@ -291,8 +291,14 @@ def _build_edited() -> None:
 
 
 @cache
-def edit_once() -> None:
-    """Compile, or load from disk, what edits run: one of each kind of stroke, where all is air."""
+def warm_edits() -> None:
+    """Load from disk, or compile, what edits run; when nobody else compiles. Raises OSError as `warm` does."""
+    with _locked_cache():
+        _edit_once()
+
+
+def _edit_once() -> None:
+    """Edit a world with one of each kind of stroke, where all is air."""
     bricks = Bricks(2, Arena(np.zeros(ARENA_BYTES_TO_COMPILE // 4, np.int32)))
     shape = {"shape": "sphere", "center": [0, 0, 0], "radius": 1}
     kinds: list[dict[str, Any]] = [{"op": "carve"}, {"op": "fill"}, {"op": "add", "strength": 1}]

@@ -24,7 +24,7 @@ from chunkserver.errors import BadStroke, ChunkError, DeadlinePassed, StoreError
 from chunkserver.field import Ground
 from chunkserver.grid import ChunkKey
 from chunkserver.store import Draft, Outcome, Store
-from chunkserver.worker import edit_once
+from chunkserver.worker import warm_edits
 from chunkserver.world import World
 
 FOLDED_AT_ONCE_MAX: Final = 64
@@ -259,7 +259,7 @@ class Editing:
 
 def _prepared(world: World, arena: Arena) -> _EditedWorld:
     """Return a world without edits, when all that edits run is compiled: this is for a thread, the loop has no time."""
-    edit_once()
+    warm_edits()
     return _EditedWorld(world, arena)
 
 
