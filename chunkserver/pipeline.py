@@ -26,7 +26,7 @@ from chunkserver.mesh import EMPTY, Content, Mesh
 from chunkserver.mesher import MESHER_DEFAULT, MESHERS, extract
 from chunkserver.recipe import WorldRecipe
 from chunkserver.samples import Samples
-from chunkserver.wire import CODINGS, FORMATS, Encoding, Placement, check_encodable
+from chunkserver.wire import Encoding, Placement, check_encodable, encode
 
 SEAM_OF_LEVELS: Final = "transitions"
 """The seam that fits a chunk to coarser neighbours."""
@@ -126,7 +126,7 @@ def build_chunk(
     """
     mesh = build_mesh(request, stage, edited)
     stage("encode")
-    return Chunk(mesh.content, _written(mesh, request), request.revision)
+    return Chunk(mesh.content, encode(mesh, _placed(request), request.encoding, is_checked=True), request.revision)
 
 
 def build_mesh(
@@ -159,14 +159,9 @@ def _sampled(request: ChunkRequest, shape: ChunkShape, edited: Edited | None) ->
     return samples
 
 
-def _written(mesh: Mesh, request: ChunkRequest) -> bytes:
-    """Return what `wire.encode` does, of a request that was checked and a mesh of our own: neither is looked at again.
-
-    The first chunk of a recipe and level takes some ms more: it measures the error that all of them state.
-    """
-    encoding, error = request.encoding, geometric_error(request.recipe, request.key.lod) * request.voxel_size
-    file = FORMATS[encoding.format].encode(mesh, _placement(request, error), encoding)
-    return CODINGS[encoding.coding].apply(file)
+def _placed(request: ChunkRequest) -> Placement:
+    """Return the placement with the error that chunks of this recipe and level have: the first time that takes ms."""
+    return _placement(request, geometric_error(request.recipe, request.key.lod) * request.voxel_size)
 
 
 def _placement(request: ChunkRequest, *error: float) -> Placement:

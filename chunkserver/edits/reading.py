@@ -52,12 +52,12 @@ def apply(density: NDArray[np.float32], arena: _Ints, reading: Reading) -> None:
 
 def gather(arena: _Ints, slots: _Ints, place: Place, box: _Ints) -> None:
     """Copy deltas of bricks into those of a box: (y, z, x) int32, C order, out where there is a brick."""
-    _gather(arena.reshape(-1), slots, *place, box)
+    _copy(arena.reshape(-1), slots, *place, box, False)
 
 
 def scatter(arena: _Ints, slots: _Ints, place: Place, box: _Ints) -> None:
     """Copy deltas of a box, (y, z, x) int32, C order, into those bricks that are there."""
-    _scatter(arena.reshape(-1), slots, *place, box)
+    _copy(arena.reshape(-1), slots, *place, box, True)
 
 
 @inlined
@@ -95,7 +95,8 @@ def _add(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, density: NDArray
 
 
 @kernel
-def _gather(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, box: _Ints) -> None:
+def _copy(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, box: _Ints, into_bricks: bool) -> None:
+    """Copy deltas of bricks into those of a box, or the other way."""
     planes, rows, width = box.shape
     points = box.reshape(-1)
     for brick in range(slots.size):
@@ -109,26 +110,10 @@ def _gather(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, box: _Ints) -
                 at = np.uint64(slot * BRICK_DELTAS + ((j - y) * BRICK + z0 - z) * BRICK + x0 - x)
                 to = np.uint64((j * rows + z0) * width + x0)
                 for _ in range(z0, z1):
-                    for i in range(np.uint64(x1 - x0)):
-                        points[to + i] = arena[at + i]
-                    at, to = at + np.uint64(BRICK), to + np.uint64(width)
-
-
-@kernel
-def _scatter(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, box: _Ints) -> None:
-    planes, rows, width = box.shape
-    points = box.reshape(-1)
-    for brick in range(slots.size):
-        b, c, d = _apart(brick, slots.shape[1], slots.shape[2])
-        slot = np.int64(slots[b, c, d])
-        if slot != NONE:
-            y, y0, y1 = _span(py, b, planes)
-            z, z0, z1 = _span(pz, c, rows)
-            x, x0, x1 = _span(px, d, width)
-            for j in range(y0, y1):
-                at = np.uint64(slot * BRICK_DELTAS + ((j - y) * BRICK + z0 - z) * BRICK + x0 - x)
-                to = np.uint64((j * rows + z0) * width + x0)
-                for _ in range(z0, z1):
-                    for i in range(np.uint64(x1 - x0)):
-                        arena[at + i] = points[to + i]
+                    if into_bricks:
+                        for i in range(np.uint64(x1 - x0)):
+                            arena[at + i] = points[to + i]
+                    else:
+                        for i in range(np.uint64(x1 - x0)):
+                            points[to + i] = arena[at + i]
                     at, to = at + np.uint64(BRICK), to + np.uint64(width)

@@ -71,16 +71,22 @@ def _check_encoding(encoding: Encoding) -> None:
             raise BadParameter(message, **{field: value, "format": row.name})
 
 
-def encode(mesh: Mesh, placement: Placement, encoding: Encoding = ENCODING_DEFAULT) -> bytes:
+def encode(
+    mesh: Mesh, placement: Placement, encoding: Encoding = ENCODING_DEFAULT, *, is_checked: bool = False
+) -> bytes:
     """Return the bytes of `mesh` in the format, profile and frame of `encoding`, coded as it says.
 
     The same input gives the same bytes: without a coding on any machine, with one wherever the coding has the same
     `version`. An empty mesh is no error: it gives a valid file without geometry.
 
+    is_checked: place and encoding have passed `check_encodable`, and the mesh is our own mesher's: neither is looked at
+        again.
+
     Raises `WireError` for a mesh that the format cannot hold (wrong dtypes for the profile, an index without its
     vertex, too many vertices), and what `check_encodable` raises.
     """
-    check_encodable(placement, encoding)
-    check_mesh(mesh, encoding.normals)
+    if not is_checked:
+        check_encodable(placement, encoding)
+        check_mesh(mesh, encoding.normals)
     file = FORMATS[encoding.format].encode(mesh, placement, encoding)
     return CODINGS[encoding.coding].apply(file)
