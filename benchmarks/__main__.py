@@ -20,6 +20,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--only", action="append", choices=list(JOBS), metavar="NAME", help=f"of {', '.join(JOBS)}")
     parser.add_argument("--tiny", action="store_true", help="try everything out; the figures mean nothing")
     parser.add_argument("--rounds", type=int, metavar="N", help=f"of candidates in turns; {FULL.rounds} if left out")
+    parser.add_argument(
+        "--log-strokes", type=int, metavar="N", help=f"in the log of `replay`; {FULL.log_strokes} if left out"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write every round of everything here")
     parser.add_argument("--page", type=Path, metavar="FILE", help="replace what stands below the mark on this page")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw the run's pictures here")
@@ -34,8 +37,10 @@ def arguments() -> argparse.Namespace:
     draw.add_argument("run", type=Path, metavar="FILE")
     draw.add_argument("folder", type=Path, metavar="FOLDER")
     chosen = parser.parse_args()
-    if chosen.rounds is not None and chosen.rounds < 1:
-        parser.error(f"--rounds is {chosen.rounds}; it is 1 or more")
+    for name in ("rounds", "log_strokes"):
+        value = getattr(chosen, name)
+        if value is not None and value < 1:
+            parser.error(f"--{name.replace('_', '-')} is {value}; it is 1 or more")
     return chosen
 
 
@@ -63,8 +68,8 @@ def _draw(chosen: argparse.Namespace) -> Iterable[str]:
 def run(chosen: argparse.Namespace) -> None:
     """Run the jobs in the order of their table, and print each as soon as it is done."""
     scale = TINY if chosen.tiny else FULL
-    if chosen.rounds:
-        scale = scale._replace(rounds=chosen.rounds)
+    asked = {"rounds": chosen.rounds, "log_strokes": chosen.log_strokes}
+    scale = scale._replace(**{name: value for name, value in asked.items() if value is not None})
     facts = machine.facts(scale)
     print(report.preface(facts), flush=True)
     results: dict[Job, list[Line]] = {}

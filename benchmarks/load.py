@@ -24,10 +24,11 @@ GOOD: Final = frozenset(("200", "204", "304"))
 
 
 class Request(NamedTuple):
-    """What to ask for, and the etag to send as `If-None-Match`, if any."""
+    """What to ask for, and the etag to send as `If-None-Match`, if any; a POST of JSON, if there is a body."""
 
     path: str
     etag: str = ""
+    body: bytes = b""
 
 
 @dataclass(slots=True)
@@ -108,6 +109,15 @@ def send(url: str, requests: Sequence[Request], connections: int) -> Load:
     return load
 
 
+def send_for(url: str, requests: Iterable[Request], connections: int, seconds: float) -> Load:
+    """Send requests for so long over so many connections, each in turn: a closed loop.
+
+    Raises TimeoutError if answers are missing after LOAD_SECONDS_MAX.
+    """
+    load, limits = Load(), Limits(seconds, connections=connections, timeout=LOAD_SECONDS_MAX)
+    return load.run(saturate(resolve(url), map(_asked, requests), limits, load))
+
+
 def offer(url: str, requests: Iterable[Request], rate: float, seconds: float) -> Load:
     """Send requests at a fixed rate, whether or not earlier ones are answered: an open loop, as many users are.
 
@@ -124,4 +134,4 @@ def offer(url: str, requests: Iterable[Request], rate: float, seconds: float) ->
 
 
 def _asked(request: Request) -> exchange.Request:
-    return exchange.Request(request.path, etag=request.etag)
+    return exchange.Request(request.path, etag=request.etag, body=request.body)

@@ -32,6 +32,7 @@ class Scale(NamedTuple):
     load_seconds: how long a round offers load at a fixed rate.
     starts: rounds of starting a process.
     compiles: starts without compiled code.
+    log_strokes: in the log of a world that a server is started with.
     """
 
     chunks: int
@@ -41,10 +42,29 @@ class Scale(NamedTuple):
     load_seconds: float
     starts: int
     compiles: int
+    log_strokes: int
 
 
-FULL: Final = Scale(chunks=64, rounds=15, cold_requests=512, warm_requests=2048, load_seconds=5.0, starts=5, compiles=3)
-TINY: Final = Scale(chunks=2, rounds=2, cold_requests=8, warm_requests=16, load_seconds=0.3, starts=1, compiles=0)
+FULL: Final = Scale(
+    chunks=64,
+    rounds=15,
+    cold_requests=512,
+    warm_requests=2048,
+    load_seconds=5.0,
+    starts=5,
+    compiles=3,
+    log_strokes=100_000,
+)
+TINY: Final = Scale(
+    chunks=2,
+    rounds=2,
+    cold_requests=8,
+    warm_requests=16,
+    load_seconds=0.3,
+    starts=1,
+    compiles=0,
+    log_strokes=400,
+)
 
 assert FULL.chunks >= 64, "fewer chunks stay in the caches between two turns"
 

@@ -17,7 +17,8 @@ MARK: Final = '<!-- what follows is written by `make bench ARGS="--page docs/per
 TARGETS_NOTE: Final = """
 Each line is one figure of this run beside what it is to become: the peer's time is to be so many times ours, or, where
 it says "at most", ours may be so many times the peer's; what is ours itself, so many times the first of its line. Of
-two processes the chunks count. The last column names the target that is reached, if one is.
+two processes the chunks count. Where a unit stands behind the figure, it is the figure itself that is to be so much.
+The last column names the target that is reached, if one is.
 """
 
 
@@ -59,9 +60,10 @@ def targets(results: Results) -> str:
 
 
 def _target(target: Target, reached: float) -> list[str]:
-    must = f"{'at most ' if target.at_most else ''}{target.must:g}"
+    must = f"{'at most ' if target.at_most else ''}{target.must:,g}"
     verdict = target.verdict(reached)
-    return [JOBS[target.job].title, target.subject, target.figure, must, f"{target.aim:g}", number(reached), verdict]
+    figure = ", ".join(filter(None, (target.figure, target.unit)))
+    return [JOBS[target.job].title, target.subject, figure, must, f"{target.aim:,g}", number(reached), verdict]
 
 
 def _cells(line: Line, columns: Iterable[tuple[str, str]]) -> list[str]:

@@ -50,10 +50,10 @@ COMPARED: Final = ("requests", "server CPU")
 
 
 class Turn(NamedTuple):
-    """One round. server_cpu_seconds: of the server's own process, without its workers."""
+    """One round. servercpu_seconds: of the server's own process, without its workers."""
 
     load: Load
-    server_cpu_seconds: float
+    servercpu_seconds: float
 
 
 FIGURES: Final[dict[tuple[str, str], Callable[[Turn], float]]] = {
@@ -61,7 +61,7 @@ FIGURES: Final[dict[tuple[str, str], Callable[[Turn], float]]] = {
     ("median", "ms"): lambda turn: turn.load.quantile(0.5) * MS,
     ("99 %", "ms"): lambda turn: turn.load.quantile(0.99) * MS,
     ("client CPU", "us"): lambda turn: turn.load.cpu_seconds / turn.load.answers * US,
-    ("server CPU", "us"): lambda turn: turn.server_cpu_seconds / turn.load.answers * US,
+    ("server CPU", "us"): lambda turn: turn.servercpu_seconds / turn.load.answers * US,
     ("answer", "KB"): lambda turn: turn.load.bytes / turn.load.answers / 1000,
     ("empty", "%"): lambda turn: turn.load.statuses["204"] / turn.load.answers * 100,
 }
@@ -79,8 +79,8 @@ def run(scale: Scale) -> Iterator[Line]:
         plain = [chunk_request(chunk.request.key) for chunk in prepare(SCENES["terrain surface"], scale.chunks)]
         with httpx2.Client(base_url=ours.url, headers={"Accept-Encoding": "identity"}) as client:
             answers = folder / "answers"
-            answers.write_bytes(pickle.dumps(learn(client, [path for path, _ in plain])))
-            tagged = [Request(path, client.get(path).raise_for_status().headers["etag"]) for path, _ in plain]
+            answers.write_bytes(pickle.dumps(learn(client, [asked.path for asked in plain])))
+            tagged = [Request(asked.path, client.get(asked.path).raise_for_status().headers["etag"]) for asked in plain]
         peers = {
             peer: stack.enter_context(serving(folder / module, str(answers), program=("-m", module)))
             for peer, module in PEERS.items()
@@ -119,7 +119,7 @@ def _cold(servers: dict[int, Server], scale: Scale) -> dict[str, Callable[[], Tu
 
 def _batch_turn(server: Server, unasked: Iterator[Request], count: int) -> Turn:
     """Ask for so many chunks in batches on one connection."""
-    before, load, started = _cpu_seconds(server.child.pid), Load(), time.perf_counter()
+    before, load, started = cpu_seconds(server.child.pid), Load(), time.perf_counter()
     cpu_started = time.process_time()
     client = http.client.HTTPConnection(server.url.removeprefix("http://"), timeout=LOAD_SECONDS_MAX)
     while keys := [request.path.split("/")[-4:] for request in itertools.islice(unasked, min(BATCH, count))]:
@@ -131,7 +131,7 @@ def _batch_turn(server: Server, unasked: Iterator[Request], count: int) -> Turn:
     client.close()
     load.seconds, load.cpu_seconds = time.perf_counter() - started, time.process_time() - cpu_started
     load.latencies.sort()
-    return Turn(load, _cpu_seconds(server.child.pid) - before)
+    return Turn(load, cpu_seconds(server.child.pid) - before)
 
 
 def _count_frames(answer: http.client.HTTPResponse, load: Load, begun: float) -> None:
@@ -172,14 +172,14 @@ def chunk_request(key: ChunkKey) -> Request:
 
 
 def _turn(server: Server, requests: Sequence[Request], connections: int) -> Turn:
-    before = _cpu_seconds(server.child.pid)
+    before = cpu_seconds(server.child.pid)
     load = send(server.url, requests, connections)
     if load.answers != len(requests) or set(load.statuses) - {"200", "204", "304"}:
         raise RuntimeError(f"{len(requests)} requests had the answers {dict(load.statuses)}")
-    return Turn(load, _cpu_seconds(server.child.pid) - before)
+    return Turn(load, cpu_seconds(server.child.pid) - before)
 
 
-def _cpu_seconds(pid: int) -> float:
+def cpu_seconds(pid: int) -> float:
     """Return the CPU time of all threads of another process, from the clock that clock_getcpuclockid(3) names."""
     return time.clock_gettime(~pid << 3 | 2)
 

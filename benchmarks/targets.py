@@ -1,4 +1,4 @@
-"""What the kernels are to reach, and what may be added to a chunk, each beside a figure of the same run."""
+"""What is to be reached: how many times a figure of the same run, or, where time itself is promised, what figure."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
@@ -7,11 +7,12 @@ from benchmarks.measure import Line, spread
 
 
 class Target(NamedTuple):
-    """How many times its peer's figure one of ours is to be.
+    """How many times its peer's figure one of ours is to be; or what it is to be itself.
 
-    job, subject, figure: where the peer's figure stands. must, aim: times.
+    job, subject, figure: where the peer's figure stands. must, aim: times, or in `unit`.
     at_most: ours may be at most so many times the peer's; otherwise the peer's is to be at least so many times ours.
     ours: the figure is not a peer's but ours, and may be at most so many times the first of its line.
+    unit: of a figure that stands for itself; "" if it is compared.
     """
 
     job: str
@@ -21,17 +22,18 @@ class Target(NamedTuple):
     aim: float
     at_most: bool = False
     ours: bool = False
+    unit: str = ""
 
     def reached(self, lines: Sequence[Line]) -> float | None:
         """Return the median of what was measured, or None if it was not."""
-        ratios = [
-            figure.ratios
+        found = [
+            figure.rounds if self.unit else figure.ratios
             for line in lines
             for figure in line.figures
             if (line.subject, figure.name) == (self.subject, self.figure)
         ]
-        upside_down = self.at_most and not self.ours
-        return spread([1 / ratio if upside_down else ratio for ratio in ratios[0]]).median if ratios else None
+        upside_down = self.at_most and not (self.ours or self.unit)
+        return spread([1 / value if upside_down else value for value in found[0]]).median if found else None
 
     def verdict(self, reached: float) -> str:
         """Return which of the two it reaches: `aim`, `must` or neither."""
@@ -65,6 +67,17 @@ TARGETS: Final = (
     ),
     *(Target("levels", world, "LOD 0", 1.2, 1.0, at_most=True) for world in ("terrain", "hills", "planet")),
     Target("cores", _CAVES, "two processes", 1.85, 1.95),
+    *(
+        Target("edited", "its deltas", f"deltas added, {kind}", 0.1, 0.05, at_most=True, ours=True)
+        for kind in ("with a carve", "with all bricks")
+    ),
+    Target("editing", "1,000 carves a second, 1 an edit", "99 %", 25, 10, at_most=True, unit="ms"),
+    Target("editing", "1,000 carves a second, 10 an edit", "99 %", 25, 10, at_most=True, unit="ms"),
+    Target("editing", "carves, 1 an edit", "most within 25 ms", 1000, 2000, unit="1/s"),
+    Target("editing", "adds, 100 an edit", "acknowledged and folded", 10_000, 20_000, unit="strokes/s"),
+    Target("editing", "a carve, then its chunks", "visible, median", 40, 15, at_most=True, unit="ms"),
+    Target("stream", "100 edits a second, 100 listeners", "from ack, 99 %", 80, 30, at_most=True, unit="ms"),
+    Target("replay", "1,000,000 strokes", "first edited chunk", 5, 3, at_most=True, unit="s"),
 )
 
 

@@ -48,10 +48,10 @@ _log: Final = logging.getLogger(__name__)
 PACKAGE: Final = Path(__file__).parent
 NOT_IN_DIGEST: Final = (
     *("__init__.py", "__main__.py", "commands", "errors.py", "memory.py", "worker.py", "world.py", "store", "server"),
-    "wire/reading",
+    *("stream", "wire/reading"),
 )
-"""What no byte of a chunk depends on: entry points, errors, where worlds are kept, the service around `build_chunk`;
-and the reader of files that are there already."""
+"""What no byte of a chunk depends on: entry points, errors, where worlds are kept, who is told of edits, the service
+around `build_chunk`; and the reader of files that are there already."""
 
 NOT_COMPILED: Final = (*NOT_IN_DIGEST, "recipe")
 """What no kernel is made of, beyond that."""

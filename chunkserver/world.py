@@ -20,11 +20,13 @@ EPOCH_BYTES: Final = 16
 _ID: Final = re.compile(ID_PATTERN.strip("^$"))
 
 
-def _new_epoch() -> str:
+def new_epoch() -> str:
+    """Return the epoch of a world that begins now."""
     return secrets.token_hex(EPOCH_BYTES)
 
 
-def _now() -> str:
+def now() -> str:
+    """Return the time: UTC, ISO 8601, to the second."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -53,8 +55,8 @@ class World:
     voxel_size: float = VOXEL_SIZE_DEFAULT
     lods: int = LODS_DEFAULT
     chunk_cells: int = CELLS_DEFAULT
-    epoch: str = field(default_factory=_new_epoch)
-    created: str = field(default_factory=_now)
+    epoch: str = field(default_factory=new_epoch)
+    created: str = field(default_factory=now)
     revision: int = 0
 
     def __post_init__(self) -> None:

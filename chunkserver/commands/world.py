@@ -1,31 +1,29 @@
-"""`chunkserver world`: the worlds that a folder keeps, while no server runs on it."""
+"""`chunkserver world`: the worlds that a folder keeps, while no server runs on it; and copies of them, at any time."""
 
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
+from chunkserver.commands.folder import IdArgument, JsonOption, existing, folder_of, opened
 from chunkserver.commands.given import RecipeOption, SeedOption, recipe_of
-from chunkserver.commands.saying import end, say_json, say_table
+from chunkserver.commands.saying import counted, end, say_json, say_table
 from chunkserver.commands.warm import make_ready
-from chunkserver.errors import BadParameter, StoreError
+from chunkserver.errors import BadParameter
 from chunkserver.field import prove
 from chunkserver.grid import CELLS_DEFAULT, ChunkKey, ChunkShape
 from chunkserver.pipeline import ChunkRequest, check_request, generator
 from chunkserver.recipe import RECIPE_DEFAULT, WorldRecipe
 from chunkserver.server import Settings, with_settings
-from chunkserver.store import Catalogue, Store
+from chunkserver.store import Store
 from chunkserver.world import LODS_DEFAULT, VOXEL_SIZE_DEFAULT, WORLDS_MAX, World
 
 app: Final = typer.Typer(
     no_args_is_help=True, add_completion=False, rich_markup_mode=None, help="The worlds that a folder keeps."
 )
 
-JsonOption = Annotated[bool, typer.Option("--json", help="As JSON.")]
-IdArgument = Annotated[str, typer.Argument(metavar="ID", help="What URLs call it: a-z, 0-9, _ and -.")]
 Origins = Mapping[str, str]
 
 _MIDDLE: Final = ChunkKey(0, 0, 0, 0)
@@ -35,8 +33,8 @@ _MIDDLE: Final = ChunkKey(0, 0, 0, 0)
 @with_settings("data")
 def list_command(settings: Settings, _origins: Origins, as_json: JsonOption = False) -> None:
     """List the worlds of a folder."""
-    with _opened(settings) as catalogue:
-        worlds = catalogue.page("", WORLDS_MAX)
+    with opened(settings) as store:
+        worlds = store.catalogue.page("", WORLDS_MAX)
     if as_json:
         say_json([_described(world) for world in worlds])
         return
@@ -48,8 +46,8 @@ def list_command(settings: Settings, _origins: Origins, as_json: JsonOption = Fa
 @with_settings("data")
 def show_command(settings: Settings, _origins: Origins, name: IdArgument, as_json: JsonOption = False) -> None:
     """Say what a world is."""
-    with _opened(settings) as catalogue:
-        described = _described(_existing(catalogue, name))
+    with opened(settings) as store:
+        described = _described(existing(store, name))
     if as_json:
         say_json(described)
         return
@@ -87,8 +85,8 @@ def create_command(
     check_request(ChunkRequest(pristine, _MIDDLE, cells, voxel_size))
     make_ready()
     prove(pristine, _MIDDLE, ChunkShape(cells))
-    with _opened(settings, new=True) as catalogue:
-        if catalogue.create(world) is not world:
+    with opened(settings, new=True) as store:
+        if store.catalogue.create(world) is not world:
             end(f"there is a world {name!r} already")
     typer.echo(f"{name} is created, epoch {world.epoch}")
 
@@ -102,12 +100,41 @@ def delete_command(
     sure: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
     """Delete a world for good."""
-    with _opened(settings) as catalogue:
-        _existing(catalogue, name)
+    with opened(settings) as store:
+        existing(store, name)
         if not sure and not _confirmed(name):
             end("nothing was deleted")
-        catalogue.delete(name)
+        store.catalogue.delete(name)
     typer.echo(f"{name} is deleted")
+
+
+@app.command("backup")
+@with_settings("data")
+def backup_command(
+    settings: Settings,
+    _origins: Origins,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A new file.")],
+) -> None:
+    """Copy the worlds of a folder and their edits to one file, as of one moment. A server may run on the folder."""
+    Store.back_up(folder_of(settings), file)
+    typer.echo(f"{file}: {file.stat().st_size:,} bytes")
+
+
+@app.command("restore")
+@with_settings("data")
+def restore_command(
+    settings: Settings,
+    _origins: Origins,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What `world backup` has written.")],
+) -> None:
+    """Put a backup into a folder that holds no worlds.
+
+    Each world gets a new epoch: clients that have seen more than the backup has start over.
+    """
+    worlds = Store.restore(file, folder_of(settings))
+    for world in worlds:
+        typer.echo(f"{world.id}: revision {world.revision}, new epoch {world.epoch}")
+    typer.echo(f"{counted(len(worlds), 'world')} restored")
 
 
 def _confirmed(name: str) -> bool:
@@ -118,31 +145,6 @@ def _confirmed(name: str) -> bool:
 
 def _can_ask() -> bool:
     return sys.stdin.isatty()
-
-
-@contextmanager
-def _opened(settings: Settings, new: bool = False) -> Iterator[Catalogue]:
-    """Open the folder that is chosen, alone. Raises `StoreError`: it says what to do if a server runs on it."""
-    if settings.data is None:
-        raise BadParameter("where the worlds are kept is needed: --data DIR")
-    with closing(_store(settings.data, new)) as store:
-        yield store.catalogue
-
-
-def _store(folder: Path, new: bool) -> Store:
-    try:
-        return Store(folder) if new else Store.existing(folder)
-    except StoreError as error:
-        if isinstance(error.__cause__, BlockingIOError):
-            end(f"{error.message}. Stop it, or ask it: its worlds are at /v1/worlds, over HTTP")
-        raise
-
-
-def _existing(catalogue: Catalogue, name: str) -> World:
-    world = catalogue.find(name)
-    if world is None:
-        end(f"there is no world {name!r} in {catalogue.folder}")
-    return world
 
 
 def _row(world: World) -> tuple[str, ...]:

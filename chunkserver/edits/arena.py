@@ -1,16 +1,22 @@
-"""Where deltas are kept: cubes of them, in slots of one array, written once and then only read.
+"""Where deltas are kept: cubes of them, in slots of one array while they are read, packed while they are not.
 
-A brick is BRICK^3 deltas at the lattice points of its level, in the order of samples: y, z, x. Its slot is a row of an
-arena, so whoever knows the array, a few slots and where these lie needs nothing else to read them: also another process
-that maps the same memory.
+    Brick --- held ---> slot of the arena: a row of one array       any process that maps it can read the deltas
+          --- packed -> a few hundred bytes                         all that is left, when others want the slot
+
+A brick is BRICK^3 deltas at the lattice points of its level, in the order of samples: y, z, x. Whoever knows the array,
+a few slots and where these lie needs nothing else to read them.
 """
 
+import threading
+import weakref
+from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from chunkserver.edits.packing import packed, unpack
 from chunkserver.errors import StoreFull
 from chunkserver.kernel import choose, kernel
 
@@ -18,70 +24,192 @@ BRICK_BITS: Final = 4
 BRICK: Final = 1 << BRICK_BITS
 """Deltas a side."""
 BRICK_DELTAS: Final = BRICK**3
+NONE: Final = -1
+"""Stands for the slot of a brick that is not there."""
 SLOTS_DEFAULT: Final = 1 << 15
 """512 MiB, of which the system gives what is written."""
+WEIGHT_MAX_DEFAULT: Final = 1 << 30
+BRICK_WEIGHT: Final = 512
+"""Bytes that a brick takes beside its deltas, about: itself, its key and its place among others."""
 
 _Ints = NDArray[np.int32]
 
 
+class Held:
+    """A slot that something lies in, for as long as anything refers to this."""
+
+    __slots__ = ("_free", "slot")
+
+    def __init__(self, slot: int, free: deque[int]) -> None:
+        self.slot, self._free = slot, free
+
+    def __del__(self) -> None:
+        """Give the slot back."""
+        self._free.append(self.slot)
+
+
+class Holds(list[Held | None]):
+    """Some of them. In another process there are none: a slot is given back where it was taken."""
+
+    def __reduce__(self) -> tuple[type[tuple[()]], tuple[()]]:
+        """Send nothing."""
+        return tuple, ()
+
+
 class Arena:
-    """Slots for bricks, in memory of any shape that has whole bricks.
+    """Slots for bricks, in memory of any shape that has whole bricks. Safe in any thread.
 
     deltas: (slots, BRICK_DELTAS) int32, C order: where they lie. Its memory may be shared with other processes.
-    reserved: slots that edits may want which are not folded yet. `take` does not look at it.
+    weight: bytes that are known of beside that array: of packed bricks, and what others have added to it.
+    reserved, promised: bricks that edits may want, and bytes that they may add, which are not folded yet.
+    weight_max: what `weight` should not pass with what is promised. Nothing here looks at these three.
+    lock: of what is in which slot.
     """
 
-    def __init__(self, deltas: _Ints | None = None) -> None:
+    def __init__(self, deltas: _Ints | None = None, weight_max: int = WEIGHT_MAX_DEFAULT) -> None:
         memory = np.zeros(SLOTS_DEFAULT * BRICK_DELTAS, np.int32) if deltas is None else deltas
         self.deltas = memory.reshape(-1, BRICK_DELTAS)
-        self._given_back: list[int] = []
+        self.weight, self.weight_max = 0, weight_max
+        self.reserved = self.promised = 0
+        self.lock = threading.RLock()
+        self._free: deque[int] = deque()
         self._used = 0
-        self.reserved = 0
+        self._settled: list[weakref.ref[Brick] | None] = []
+        self._hand = 0
 
     @property
     def taken(self) -> int:
         """How many slots have bricks in them."""
-        return self._used - len(self._given_back)
+        return self._used - len(self._free)
 
-    def take(self) -> int:
-        """Return a slot that nothing lies in; what was there before has to be overwritten. Raises `StoreFull`."""
-        if self._given_back:
-            return self._given_back.pop()
-        if self._used == len(self.deltas):
-            raise StoreFull(f"there is no room for more than {self._used} bricks of edits", bricks=self._used)
-        self._used += 1
-        return self._used - 1
+    def take(self) -> Held:
+        """Return a slot that nothing lies in; what was there before has to be overwritten.
 
-    def give_back(self, slot: int) -> None:
-        """Let a slot be taken again."""
-        self._given_back.append(slot)
+        Bricks that nobody has held for long are packed if need be. Raises `StoreFull` if all slots are in use.
+        """
+        with self.lock:
+            if not self._free and self._used < len(self.deltas):
+                self._used += 1
+                self._settled.append(None)
+                return Held(self._used - 1, self._free)
+            self._make_room()
+            return Held(self._free.popleft(), self._free)
+
+    def settle(self, brick: "Brick", slot: int) -> None:
+        """Let a brick that is not written to any more be packed, when its slot is wanted."""
+        self._settled[slot] = weakref.ref(brick)
+
+    def weigh(self, more: int) -> None:
+        """Add to the weight, or take away from it."""
+        with self.lock:
+            self.weight += more
+
+    def reserve(self, bricks: int, weight: int) -> None:
+        """Add to what edits may want that are not folded yet, or take away from it."""
+        with self.lock:
+            self.reserved += bricks
+            self.promised += weight
+
+    def _make_room(self) -> None:
+        """Pack bricks until a slot is free: in turn, but for those that were held since the last turn."""
+        looks = 2 * self._used
+        while not self._free:
+            if not looks:
+                raise StoreFull(f"all {self._used} bricks that memory has room for are in use", bricks=self._used)
+            looks -= 1
+            self._hand = (self._hand + 1) % self._used
+            settled = self._settled[self._hand]
+            brick = settled and settled()
+            if brick and brick.let_go():
+                self._settled[self._hand] = None
 
 
 class Brick:
-    """One brick. It has its slot for as long as anything refers to it.
+    """One brick. It may be written to until it is settled.
 
-    slot: in `arena`. low, high: its lowest and highest delta, units. revision: that of the edits that changed it last.
+    low, high: its lowest and highest delta, units.
     """
 
-    __slots__ = ("arena", "high", "low", "revision", "slot")
+    __slots__ = ("__weakref__", "_arena", "_held", "_packed", "_wanted", "_weight", "high", "low")
 
-    def __init__(self, arena: Arena, like: "Brick | None" = None) -> None:
-        """Take a slot and copy another brick into it, or zeros."""
-        self.slot = -1
-        self.arena, self.low, self.high, self.revision = arena, 0, 0, 0
-        self.slot = arena.take()
-        arena.deltas[self.slot] = 0 if like is None else arena.deltas[like.slot]
+    def __init__(self, arena: Arena, held: Held | None, low: int = 0, high: int = 0) -> None:
+        """Lie in a slot, or in none yet: then it has to be packed at once."""
+        self._arena, self._held, self.low, self.high = arena, held, low, high
+        self._packed: bytes | None = None
+        self._wanted = True
+        self._weight = 0
+
+    @classmethod
+    def fresh(cls, arena: Arena, like: "Brick | None" = None) -> "Brick":
+        """Return a brick to be written to, as another one is, or of zeros. Raises `StoreFull`."""
+        held, source = arena.take(), like and like.hold()  # held until it is copied, or another thread gets its slot
+        arena.deltas[held.slot] = arena.deltas[source.slot] if source else 0
+        return cls(arena, held)
+
+    @classmethod
+    def kept(cls, arena: Arena, low: int, high: int, content: bytes) -> "Brick":
+        """Return a brick that was packed: it takes a slot when it is held."""
+        brick = cls(arena, None, low, high)
+        brick._pack(content)
+        return brick
 
     def __del__(self) -> None:
-        """Give the slot back."""
-        if self.slot >= 0:
-            self.arena.give_back(self.slot)
+        """Take its weight away."""
+        if self._weight:
+            self._arena.weigh(-self._weight)
 
     @property
     def deltas(self) -> _Ints:
-        """The brick's deltas: (y, z, x) int32."""
-        deltas: _Ints = self.arena.deltas[self.slot].reshape(BRICK, BRICK, BRICK)
+        """A copy of the brick's deltas: (y, z, x) int32."""
+        held = self.hold()
+        deltas: _Ints = self._arena.deltas[held.slot].reshape(BRICK, BRICK, BRICK).copy()
         return deltas
+
+    @property
+    def packed(self) -> bytes:
+        """The brick's deltas in few bytes, for `kept`. It has to be settled."""
+        if self._packed is None:
+            with self._arena.lock:
+                if self._packed is None and self._held is not None:
+                    self._pack(packed(self._arena.deltas[self._held.slot]))
+        assert self._packed is not None
+        return self._packed
+
+    def settle(self) -> None:
+        """Note that it is not written to any more: from now on it may be packed."""
+        assert self._held is not None
+        self._arena.settle(self, self._held.slot)
+
+    def hold(self) -> Held:
+        """Return its slot, in which its deltas are for as long as that is referred to. Raises `StoreFull`."""
+        self._wanted = True
+        held = self._held
+        return self._unpack() if held is None else held
+
+    def let_go(self) -> bool:
+        """Give the slot up, unless it was held since this was asked last. Return whether it has none any more."""
+        if self._wanted:
+            self._wanted = False
+            return False
+        self.packed  # noqa: B018 - it is, from now on
+        self._held = None
+        return True
+
+    def _pack(self, content: bytes) -> None:
+        self._weight = BRICK_WEIGHT + len(content)
+        self._arena.weigh(self._weight)
+        self._packed = content
+
+    def _unpack(self) -> Held:
+        with self._arena.lock:
+            held = self._held
+            if held is None:
+                held = self._arena.take()
+                assert self._packed is not None
+                unpack(self._packed, self._arena.deltas[held.slot])
+                self._held = held
+                self._arena.settle(self, held.slot)
+            return held
 
 
 def summarise(arena: Arena, before: Sequence[Brick | None], after: Sequence[Brick]) -> list[bool]:
@@ -89,8 +217,9 @@ def summarise(arena: Arena, before: Sequence[Brick | None], after: Sequence[Bric
     if not after:
         return []
     found = np.empty((len(after), 3), np.int32)
-    old = np.array([-1 if brick is None else brick.slot for brick in before], np.int32)
-    _compare(arena.deltas.reshape(-1), old, np.array([brick.slot for brick in after], np.int32), found)
+    held = [None if brick is None else brick.hold() for brick in before], [brick.hold() for brick in after]
+    old, new = (np.array([NONE if each is None else each.slot for each in one], np.int32) for one in held)
+    _compare(arena.deltas.reshape(-1), old, new, found)
     rows = found.tolist()
     for brick, (low, high, _) in zip(after, rows, strict=True):
         brick.low, brick.high = low, high
@@ -99,7 +228,7 @@ def summarise(arena: Arena, before: Sequence[Brick | None], after: Sequence[Bric
 
 @kernel
 def _compare(arena: _Ints, before: _Ints, after: _Ints, found: _Ints) -> None:
-    """found: (bricks, 3) out: lowest and highest delta of `after`, and bits that differ from `before`: -1 is zeros."""
+    """found: (bricks, 3) out: lowest and highest delta of `after`, and bits that differ: NONE is zeros."""
     for n in range(after.size):
         new = np.uint64(after[n]) * np.uint64(BRICK_DELTAS)
         low = high = arena[new]
@@ -107,7 +236,7 @@ def _compare(arena: _Ints, before: _Ints, after: _Ints, found: _Ints) -> None:
         for i in range(np.uint64(BRICK_DELTAS)):
             delta = arena[new + i]
             low, high = choose(delta < low, delta, low), choose(delta > high, delta, high)
-        if before[n] < 0:
+        if before[n] == NONE:
             differs = low | high
         else:
             old = np.uint64(before[n]) * np.uint64(BRICK_DELTAS)

@@ -5,10 +5,11 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
 from chunkserver.edits.arena import BRICK_BITS
-from chunkserver.edits.brushes import brush
+from chunkserver.edits.brushes import Brushes
 from chunkserver.edits.strokes import KINDS, OPS, SHAPES, Stroke
 from chunkserver.errors import BadStroke
 
@@ -40,10 +41,12 @@ class Edit:
     """One or more strokes, in their order.
 
     source: the strokes as canonical JSON, a list: defaults written out, keys sorted. Equal edits have equal sources.
+    brushes: the strokes as numbers.
     """
 
     source: bytes
     strokes: tuple[Stroke, ...] = field(compare=False, repr=False)
+    brushes: Brushes = field(compare=False, repr=False)
 
     @property
     def digest(self) -> bytes:
@@ -60,11 +63,12 @@ class Edit:
             count = len(strokes) if isinstance(strokes, list) else None
             raise BadStroke.at("strokes", f"should be a list of 1 to {STROKES_MAX} strokes", strokes=count)
         read = tuple(_stroke(f"strokes.{number}", value) for number, value in enumerate(strokes))
-        _check_extent(read)
+        brushes = Brushes.of(read)
+        _check_extent(brushes)
         plain = [stroke.model_dump() for stroke in read]
         source = json.dumps(plain, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
         _check_length(source)
-        return cls(source, read)
+        return cls(source, read, brushes)
 
     @classmethod
     def read(cls, source: bytes) -> "Edit":
@@ -106,17 +110,17 @@ def _bad(path: str, expected: str, value: Any) -> BadStroke:
     return BadStroke.at(path, f"{expected}; it is {said}", value=said)
 
 
-def _check_extent(strokes: tuple[Stroke, ...]) -> None:
+def _check_extent(brushes: Brushes) -> None:
     """Raise `BadStroke` if a stroke, or all of them, may change more lattice points or bricks than is allowed."""
-    total = bricks = 0
-    for number, stroke in enumerate(strokes):
-        box = brush(stroke).box
-        count = box.points
-        total, bricks = total + count, bricks + box.cubes(BRICK_BITS).points
-        if count > STROKE_SAMPLES_MAX:
-            expected = f"the stroke reaches over {count} lattice points; the limit is {STROKE_SAMPLES_MAX}"
-            raise BadStroke.at(f"strokes.{number}", expected, samples=count)
-    if total > EDIT_SAMPLES_MAX:
+    counts = brushes.points()
+    for number in np.flatnonzero(counts > STROKE_SAMPLES_MAX).tolist():
+        count = int(counts[number])
+        expected = f"the stroke reaches over {count} lattice points; the limit is {STROKE_SAMPLES_MAX}"
+        raise BadStroke.at(f"strokes.{number}", expected, samples=count)
+    if (total := int(counts.sum())) > EDIT_SAMPLES_MAX:
         raise BadStroke.at("strokes", f"they reach over {total} lattice points; the limit is {EDIT_SAMPLES_MAX}")
+    if total <= EDIT_BRICKS_MAX:
+        return  # a brick that is met has a point
+    bricks = int(np.maximum(np.diff(brushes.boxes >> BRICK_BITS, axis=1) + 1, 0).prod(axis=2).sum())
     if bricks > EDIT_BRICKS_MAX:
         raise BadStroke.at("strokes", f"they reach over {bricks} bricks; the limit is {EDIT_BRICKS_MAX}")

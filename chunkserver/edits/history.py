@@ -1,7 +1,7 @@
 """The edits of one world, from the moment that they are taken to their bricks; and which of them reached a chunk last.
 
-    take -> taken -> written -> unfolded -> publish -> folded: in the bricks
-                  -> dropped
+    measured -> taken -> written -> unfolded -> publish -> folded: in the bricks
+                      -> dropped
 
 Takes, writes and folds are in the same order. What an edit can change is known when it is taken, from the bricks that
 there are then and from the boxes of all edits between. So it is known at any time which edit is a chunk's last, and
@@ -10,41 +10,50 @@ which is its last of those that are folded. Pure: whoever writes and folds does 
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import islice
 from typing import Final, NamedTuple
 
-from chunkserver.edits.boxes import Box
-from chunkserver.edits.bricks import Bricks, Key, keys_in
-from chunkserver.edits.brushes import brush
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.edits.bricks import Bricks
+from chunkserver.edits.draft import ROOM_FACTOR
 from chunkserver.edits.edit import Edit
 from chunkserver.edits.effect import Bounds, changed
 from chunkserver.edits.headroom import Headroom
+from chunkserver.edits.keys import Key
+from chunkserver.edits.parts import Change, restored
+from chunkserver.edits.pyramid import bricks_met
 from chunkserver.edits.reach import Range, read_ranges, stale, written
-from chunkserver.edits.reached import Reached, holds
-from chunkserver.errors import Overloaded, StoreFull
+from chunkserver.edits.reached import GROUP_WEIGHT, Group, Reached, groups_met
+from chunkserver.errors import ChunkError, Overloaded, StoreFull
 from chunkserver.grid import ChunkKey
 
+WRITTEN_GROUPS_MAX: Final = 1 << 16
+"""50 MB, that were reached since no edit waited to be folded: with more, those that wait are noted anew."""
 UNFOLDED_MAX: Final = 4096
 """Edits that are not folded yet: beyond that, one more is refused."""
-CHUNKS_MAX: Final = 1 << 22
-"""That the edits of a world have reached, on all levels: half a GB."""
-ROOM_FACTOR: Final = 2
-"""Bricks that change are there twice while they are folded."""
 
 
 class Taken(NamedTuple):
     """An edit that was taken, and may be written.
 
-    stale: the chunks that it may change; chunks: how many. boxes: outside which it changes no delta. bricks: those that
-        are written to for it.
+    stale: the chunks that it may change. weight: bytes that noting these may take. boxes: outside which it changes no
+        delta. bricks: those that are written to for it.
     """
 
     edit: Edit
     stale: Sequence[Range]
-    chunks: int
-    boxes: Sequence[Box]
+    weight: int
+    boxes: NDArray[np.int64]
     bricks: frozenset[Key]
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks it may change."""
+        return int(math.fsum(math.prod(b - a + 1 for a, b in zip(*ends, strict=True)) for _, *ends in self.stale))
 
     @property
     def told(self) -> bytes:
@@ -58,126 +67,191 @@ class History:
     bricks: as of the last edit that is folded. revision: of the last edit that is written.
     """
 
-    def __init__(self, bricks: Bricks, bounds: Bounds, cells: int) -> None:
-        """Begin with bricks that nobody has edited. bounds: of the field, `effect.Bounds`. cells: of a chunk's side."""
+    def __init__(self, bricks: Bricks, bounds: Bounds, cells: int, reached: Reached | None = None) -> None:
+        """Begin with bricks, which nobody has edited unless it is said which edits have `reached` which chunks.
+
+        bounds: of the field, `effect.Bounds`. cells: of a chunk's side.
+        """
         self.bricks = bricks
         self.revision = bricks.revision
         self._bounds, self._cells = bounds, cells
         self._headroom = Headroom(bricks)
-        self._reached = Reached()
+        self._reached = Reached() if reached is None else reached
+        self._written = Reached()
+        self._unnoted: list[tuple[int, Sequence[Range]]] = []
         self._taken: deque[Taken] = deque()
         self._unfolded: deque[Taken] = deque()
-        self._chunks_pending = 0
         self._bricks_pending: Counter[Key] = Counter()
+        self._promised = 0
+        self._changed: set[Key] = set()
+        self._kept = None if reached is None else bricks.revision
+        bricks.arena.weigh(GROUP_WEIGHT * self._reached.groups)
+
+    @classmethod
+    def restored(
+        cls, parts: Iterable[tuple[bytes, bytes]], before: Bricks, revision: int, bounds: Bounds, cells: int
+    ) -> "History":
+        """Return the history of a revision. Its bricks take no slots yet. Raises `StoreError` for what is no part.
+
+        parts: all that make up `revision`, names and contents, as `Change` has them. before: the bricks without edits.
+        """
+        bricks, reached = restored(parts, revision, before.lods, before.arena)
+        return cls(bricks, bounds, cells, reached)
+
+    def __del__(self) -> None:
+        """Take its weight away, and give back the room of edits that are not folded any more."""
+        self.bricks.arena.weigh(-GROUP_WEIGHT * self._reached.groups)
+        self.bricks.arena.reserve(-len(self._bricks_pending), -self._promised)
+
+    @property
+    def waiting(self) -> int:
+        """How many edits are taken, and neither dropped nor folded."""
+        return len(self._taken) + len(self._unfolded)
 
     def take(self, edit: Edit) -> Taken:
         """Return the edit with what it may change. It counts until it is dropped or folded.
 
-        Raises `Overloaded` if too many wait to be folded, `StoreFull` if there is no room for its bricks or its chunks,
+        Raises `Overloaded` if too many wait to be folded, `StoreFull` if there is no room for what it makes,
         `BadStroke` if a delta could become too large; what is known of unfolded edits is coarse, so that an edit that
         is refused for this may be taken when they are folded. Then nothing has changed.
         """
-        waiting = len(self._taken) + len(self._unfolded)
-        if waiting >= UNFOLDED_MAX:
-            raise Overloaded(f"{waiting} edits of this world wait to be worked out", waiting=waiting)
-        boxes = changed(edit, self.bricks, self._bounds, [box for taken in self._pending() for box in taken.boxes])
-        taken = _taken(edit, stale(boxes, self._cells, self.bricks.lods), boxes, self.bricks.lods)
+        return self.took(self.measuring(edit)())
+
+    def measuring(self, edit: Edit) -> Callable[[], Taken]:
+        """Return what finds out what an edit may change: give that to `took`, before another edit is measured.
+
+        It may run in another thread. Raises `Overloaded`.
+        """
+        if self.waiting >= UNFOLDED_MAX:
+            raise Overloaded(f"{self.waiting} edits of this world wait to be worked out", waiting=self.waiting)
+        unfolded = [taken.boxes for taken in (*self._unfolded, *self._taken)]
+        return partial(_measured, edit, self.bricks, self._bounds, unfolded, self._cells)
+
+    def took(self, taken: Taken) -> Taken:
+        """Count an edit that was measured. Raises what `take` does."""
         self._check_room(taken)
-        self._headroom.take(edit, self.revision + len(self._taken) + 1)
+        self._headroom.take(taken.edit, self.revision + len(self._taken) + 1)
         self._taken.append(taken)
         self._count(taken, 1)
         return taken
 
-    def logged(self, source: bytes, told: bytes) -> None:
+    def logged(self, source: bytes, told: bytes, *, on_other_ground: bool = False) -> None:
         """Note the next edit that the log has, at a start. All of those have to be folded before another one is taken.
 
-        source: of the edit. told: what it makes stale, as it was told then.
+        source: of the edit. told: what it makes stale, as it was told then. on_other_ground: another field was edited
+        then: all that it could change in any field counts too.
         """
         edit, ranges = Edit.read(source), read_ranges(told)
-        boxes = [box for box in (brush(stroke).box for stroke in edit.strokes) if box.points]
-        taken = _taken(edit, ranges, boxes, self.bricks.lods)
+        if on_other_ground:
+            ranges += stale(edit.brushes.with_points(), self._cells, self.bricks.lods)
+        taken = _taken(edit, ranges, edit.brushes.with_points(), self.bricks.lods)
         self._count(taken, 1)
         self._unfolded.append(taken)
         self.revision += 1
+        self._unnoted.append((self.revision, ranges))
 
     def written(self, taken: Taken, revision: int) -> None:
         """Note that the log has an edit that was taken, as `revision`: the next one of this world."""
         assert revision == self.revision + 1, f"revision {revision} follows {self.revision}"
-        self._taken.remove(taken)
+        self._leave(taken)
         self._unfolded.append(taken)
         self.revision = revision
+        self._unnoted.append((revision, taken.stale))
 
     def dropped(self, taken: Taken) -> None:
         """Note that an edit that was taken is not written."""
-        self._taken.remove(taken)
+        self._leave(taken)
         self._count(taken, -1)
+        if not self.waiting:
+            self._settle()
 
     def unfolded(self, count: int) -> list[Edit]:
         """Return the first edits, at most `count`, that are written and not folded."""
         return [taken.edit for taken in islice(self._unfolded, count)]
 
     def publish(self, bricks: Bricks) -> None:
-        """Go on from these bricks, in which the first of the unfolded edits are."""
+        """Go on from these bricks, which `apply` has made: the first of the unfolded edits are in them."""
+        before, arena = self._reached.groups, self.bricks.arena
         for revision in range(self.bricks.revision + 1, bricks.revision + 1):
             taken = self._unfolded.popleft()
             self._reached.note(revision, taken.stale)
             self._count(taken, -1)
+        arena.weigh(GROUP_WEIGHT * (self._reached.groups - before))
         self.bricks = bricks
-        self._headroom.settle(bricks)
+        self._changed.update(bricks.changed)
+        self._settle()
+        if not self._unfolded or self._written.groups > WRITTEN_GROUPS_MAX:
+            self._written = Reached()
+            self._unnoted = [(bricks.revision + at, taken.stale) for at, taken in enumerate(self._unfolded, 1)]
 
     def last_edit(self, key: ChunkKey) -> int:
         """Return the revision of the last edit that is written and has reached a chunk; 0 if none has."""
-        for back, taken in enumerate(reversed(self._unfolded)):
-            if holds(taken.stale, key):
-                return self.revision - back
-        return self.last_folded(key)
+        for revision, ranges in self._unnoted:  # only when somebody asks: most are folded before
+            self._written.note(revision, ranges)
+        self._unnoted.clear()
+        return max(self._written.last(key), self._reached.last(key))
 
     def last_folded(self, key: ChunkKey) -> int:
         """Return the revision of the last edit that is in the bricks and has reached a chunk; 0 if none has."""
         return self._reached.last(key)
 
-    def _pending(self) -> Iterable[Taken]:
-        yield from self._unfolded
-        yield from self._taken
+    def change(self, *, everything: bool = False) -> Change:
+        """Return what folded edits have changed since this was called last: all if it never was, or if that is asked.
+
+        What it was called for has to be kept, or all is asked for next time.
+        """
+        keys: Iterable[Key] = self._changed
+        groups: Iterable[Group] = self._reached.changed
+        since = self._kept
+        if everything or since is None:
+            keys, groups, since = (key for key, _ in self.bricks), self._reached, None
+        bricks = {key: self.bricks.get(key) for key in keys}
+        revisions = {group: self._reached.get(group) for group in groups}
+        self._changed, self._reached.changed, self._kept = set(), set(), self.bricks.revision
+        return Change(since, self.bricks.revision, bricks, revisions)
+
+    def _leave(self, taken: Taken) -> None:
+        del self._taken[next(at for at, each in enumerate(self._taken) if each is taken)]
 
     def _check_room(self, taken: Taken) -> None:
         arena = self.bricks.arena
-        free = max(len(arena.deltas) - arena.taken - ROOM_FACTOR * arena.reserved, 0) // ROOM_FACTOR
-        wanted = sum(key not in self._bricks_pending for key in taken.bricks)
+        wanted = ROOM_FACTOR * sum(key not in self._bricks_pending for key in taken.bricks)
+        free = len(arena.deltas) - ROOM_FACTOR * arena.reserved
         if wanted > free:
-            message = f"the edit may change {wanted} bricks; there is room for {free} more"
-            raise StoreFull(message, bricks=wanted, free=free)
-        chunks = len(self._reached) + self._chunks_pending
-        if chunks + taken.chunks > CHUNKS_MAX:
-            message = f"edits have reached {chunks} chunks of this world, and this one reaches {taken.chunks} more"
-            raise StoreFull(f"{message}; the limit is {CHUNKS_MAX}", chunks_max=CHUNKS_MAX)
+            message = f"to work the edit out takes room for {wanted} bricks; there is room for {free}"
+            raise self._no_room(message, bricks=wanted, free=free)
+        weight = arena.weight + arena.promised
+        if weight + taken.weight > arena.weight_max:
+            message = f"edits take {weight} bytes of memory, and this one {taken.weight} more"
+            raise self._no_room(f"{message}; the limit is {arena.weight_max}", bytes_max=arena.weight_max)
+
+    def _no_room(self, message: str, **values: int) -> ChunkError:
+        """Return why an edit is refused: edits that wait to be folded take more room than they will."""
+        return Overloaded(message, **values) if self.bricks.arena.reserved else StoreFull(message, **values)
+
+    def _settle(self) -> None:
+        """Have the headroom go on from the bricks. It forgets edits that were dropped when none waits."""
+        if not self.waiting:
+            self._headroom = Headroom(self.bricks)
+        else:
+            self._headroom.settle(self.bricks)
 
     def _count(self, taken: Taken, by: int) -> None:
         """Count an edit that waits (by 1), or does so no longer (by -1). A brick that two of them want counts once."""
-        self._chunks_pending += by * taken.chunks
         pending, before = self._bricks_pending, len(self._bricks_pending)
         for key in taken.bricks:
             pending[key] += by
             if not pending[key]:
                 del pending[key]
-        self.bricks.arena.reserved += len(pending) - before
+        self._promised += by * taken.weight
+        self.bricks.arena.reserve(len(pending) - before, by * taken.weight)
 
 
-def _taken(edit: Edit, ranges: Sequence[Range], boxes: Sequence[Box], lods: int) -> Taken:
-    return Taken(edit, ranges, int(math.fsum(map(_chunks, ranges))), boxes, _bricks_met(edit, lods))
+def _measured(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[NDArray[np.int64]], cells: int) -> Taken:
+    boxes = changed(edit, bricks, bounds, unfolded)
+    return _taken(edit, stale(boxes, cells, bricks.lods), boxes, bricks.lods)
 
 
-def _bricks_met(edit: Edit, lods: int) -> frozenset[Key]:
-    """Return the bricks that are written to for an edit, on all levels."""
-    met: set[Key] = set()
-    for stroke in edit.strokes:
-        box = brush(stroke).box
-        for lod in range(lods if box.points else 0):
-            met.update(keys_in(lod, box))
-            box = box.coarser()
-    return frozenset(met)
-
-
-def _chunks(found: Range) -> int:
-    _, low, high = found
-    return (high[0] - low[0] + 1) * (high[1] - low[1] + 1) * (high[2] - low[2] + 1)
+def _taken(edit: Edit, ranges: Sequence[Range], boxes: NDArray[np.int64], lods: int) -> Taken:
+    bricks = bricks_met(edit.brushes.with_points(), np.arange(lods)).places()
+    return Taken(edit, ranges, GROUP_WEIGHT * groups_met(ranges), boxes, frozenset(bricks))

@@ -1,30 +1,87 @@
 """Deltas of coarser levels: filtered by 1 2 1 along each axis, so that what is thin fades with everything else."""
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.kernel import kernel
+from chunkserver.edits.arena import BRICK, BRICK_BITS, BRICK_DELTAS
+from chunkserver.edits.cubes import Cubes, met
+from chunkserver.edits.fold import Grids
+from chunkserver.edits.reading import GATHER, SCATTER, copy
+from chunkserver.kernel import kernel, spliced
+
+FINE_MAX: Final = 2 * BRICK + 1
+"""Points a side that a brick reads of the level below."""
+_AROUND: Final = np.array([[-1], [1]])
 
 _Ints = NDArray[np.int32]
+_Places = NDArray[np.int64]
 
 
-def halve(fine: _Ints) -> _Ints:
-    """Return the deltas of a box of the next level.
+def filter_up(arena: _Ints, read: Grids, fine: _Places, slots: _Ints, coarse: _Places) -> None:
+    """Work out deltas of parts of bricks.
 
-    fine: (2 y + 1, 2 z + 1, 2 x + 1) int32, C order, units: what is around them too, `Box.finer`.
-
-    Returns (y, z, x) int32: of each the 27 products with weights 1 2 1 of each axis, summed exactly, then rounded:
-    (sum + 32) >> 6.
+    arena: (slots, BRICK_DELTAS) int32, C order, in and out. coarse: (parts, 2, 3) int64, first and last point x, y, z
+        of parts, each within a brick, which lies in the slot of `slots`: (parts,) int32. fine: (parts, 2, 3) int64,
+        what these read of the level below, as `finer` has it. read: the bricks that these boxes meet.
     """
-    planes, rows, width = fine.shape
-    coarse = np.empty((planes // 2, rows // 2, width // 2), np.int32)
-    _halve(fine.reshape(-1), rows, width, np.empty(width, np.int64), coarse.reshape(-1))
-    return coarse
+    _filter_up(
+        arena.reshape(-1),
+        *read[:2],
+        fine,
+        slots,
+        coarse,
+        np.empty(FINE_MAX**3, np.int32),
+        np.empty(FINE_MAX, np.int64),
+        np.empty(BRICK_DELTAS, np.int32),
+    )
+
+
+def finer(parts: _Places) -> _Places:
+    """Return the boxes of the level below that boxes of a level read: (n, 2, 3) int64."""
+    return np.asarray(2 * parts + _AROUND)
+
+
+def bricks_met(boxes: _Places, lods: _Places) -> Cubes:
+    """Return the bricks of levels that what changes in boxes of LOD 0 can change, level by level.
+
+    boxes: (n, 2, 3) int64, first and last point x, y, z, each with a point. lods: (levels,) int64.
+    """
+    levels = lods[:, None, None]
+    coarse = np.empty((len(lods), *boxes.shape), np.int64)
+    coarse[:, :, 0] = boxes[:, 0] >> levels
+    coarse[:, :, 1] = -(-boxes[:, 1] >> levels)  # a point reads points a step farther of the level below
+    return met(lods.repeat(len(boxes)), coarse.reshape(-1, 2, 3), BRICK_BITS)
 
 
 @kernel
-def _halve(fine: _Ints, rows: int, width: int, sums: NDArray[np.int64], coarse: _Ints) -> None:
-    """sums: (width,) scratch."""
+def _filter_up(
+    arena: _Ints,
+    slots_read: _Ints,
+    starts: _Places,
+    fine: _Places,
+    slots: _Ints,
+    coarse: _Places,
+    points: _Ints,
+    sums: _Places,
+    halved: _Ints,
+) -> None:
+    """points, sums, halved: scratch for what a brick reads, a row of that, and the brick."""
+    for n in range(slots.size):
+        copy(arena, slots_read[starts[n] :], fine[n], points, GATHER)
+        width, rows = fine[n, 1, 0] - fine[n, 0, 0] + 1, fine[n, 1, 2] - fine[n, 0, 2] + 1
+        planes = coarse[n, 1, 1] - coarse[n, 0, 1] + 1
+        halve(points, rows, width, sums, halved[: planes * (rows // 2) * (width // 2)])
+        copy(arena, slots[n:], coarse[n], halved, SCATTER)
+
+
+@spliced
+def halve(fine: _Ints, rows: int, width: int, sums: NDArray[np.int64], coarse: _Ints) -> None:
+    """Write the 27 products with weights 1 2 1 of each axis, summed exactly, then rounded: (sum + 32) >> 6.
+
+    fine: (2 y + 1, rows, width), C order. sums: (width,) scratch. coarse: (y * z * x,) out.
+    """
     two, one = np.uint64(2), np.uint64(1)
     row, plane = np.uint64(width), np.uint64(rows) * np.uint64(width)
     across, deep = row // two, np.uint64(rows) // two

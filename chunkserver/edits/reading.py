@@ -13,14 +13,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits.arena import BRICK, BRICK_DELTAS
+from chunkserver.edits.arena import BRICK, BRICK_BITS, BRICK_DELTAS, NONE, Holds
 from chunkserver.edits.boxes import Place
 from chunkserver.edits.strokes import UNITS_PER_VOXEL
 from chunkserver.kernel import choose, inlined, kernel
 
-NONE: Final = -1
-"""Stands for the slot of a brick that is not there."""
+GATHER: Final = np.int64(0)
+SCATTER: Final = np.int64(1)
 VOXELS_PER_UNIT: Final = 1.0 / UNITS_PER_VOXEL
+FLOAT32_INT_MAX: Final = 1 << 24
+"""Up to here all integers are float32."""
+_STEP: Final = np.float32(VOXELS_PER_UNIT)
 
 _Ints = NDArray[np.int32]
 
@@ -30,12 +33,14 @@ class Reading(NamedTuple):
 
     slots: (y, z, x) int32, C order: of each brick, or NONE. place: x, y, z of the first brick, in points of the box.
     low, high: what the deltas of the box lie between, units; both are 0 where there is no brick at all.
+    held: the bricks stay where they are for as long as this is kept; nothing in another process.
     """
 
     slots: _Ints
     place: Place
     low: int
     high: int
+    held: Holds | tuple[()] = ()
 
 
 def apply(density: NDArray[np.float32], arena: _Ints, reading: Reading) -> None:
@@ -44,20 +49,22 @@ def apply(density: NDArray[np.float32], arena: _Ints, reading: Reading) -> None:
     density: (y, z, x) float32, C order, voxels, in and out: what the field has at the box's level.
     arena: (slots, BRICK_DELTAS) int32, C order: where the bricks lie.
     """
-    if reading.low or reading.high:
+    if max(-reading.low, reading.high) > FLOAT32_INT_MAX:
+        density[:] = density.astype(np.float64) + _gathered(arena, reading, density.shape) * VOXELS_PER_UNIT
+    elif reading.low or reading.high:
         bricks = arena.reshape(-1).view()
         bricks.flags.writeable = False  # as it is where another process writes them: the same compiled code
         _add(bricks, reading.slots, *reading.place, density)
 
 
-def gather(arena: _Ints, slots: _Ints, place: Place, box: _Ints) -> None:
-    """Copy deltas of bricks into those of a box: (y, z, x) int32, C order, out where there is a brick."""
-    _copy(arena.reshape(-1), slots, *place, box, False)
-
-
-def scatter(arena: _Ints, slots: _Ints, place: Place, box: _Ints) -> None:
-    """Copy deltas of a box, (y, z, x) int32, C order, into those bricks that are there."""
-    _copy(arena.reshape(-1), slots, *place, box, True)
+def _gathered(arena: _Ints, reading: Reading, shape: tuple[int, ...]) -> _Ints:
+    """Return the deltas of a box: (y, z, x) int32."""
+    slots = reading.slots
+    found = np.where(slots[..., None] == NONE, 0, arena[np.maximum(slots, 0)])
+    cubes = found.reshape(*slots.shape, BRICK, BRICK, BRICK).transpose(0, 3, 1, 4, 2, 5)
+    x, y, z = (-at for at in reading.place)
+    planes, rows, width = shape
+    return cubes.reshape([BRICK * count for count in slots.shape])[y : y + planes, z : z + rows, x : x + width]
 
 
 @inlined
@@ -75,6 +82,7 @@ def _span(place: int, brick: int, count: int) -> tuple[int, int, int]:
 
 @kernel
 def _add(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, density: NDArray[np.float32]) -> None:
+    """Add deltas that are float32 exactly. Then sums rounded to float64 and to float32 are sums rounded to float32."""
     planes, rows, width = density.shape
     points = density.reshape(-1)
     for brick in range(slots.size):
@@ -89,31 +97,37 @@ def _add(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, density: NDArray
                 to = np.uint64((j * rows + z0) * width + x0)
                 for _ in range(z0, z1):
                     for i in range(np.uint64(x1 - x0)):
-                        more = np.float64(arena[at + i]) * VOXELS_PER_UNIT
-                        points[to + i] = np.float32(np.float64(points[to + i]) + more)
+                        points[to + i] += np.float32(arena[at + i]) * _STEP
                     at, to = at + np.uint64(BRICK), to + np.uint64(width)
 
 
 @kernel
-def _copy(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, box: _Ints, into_bricks: bool) -> None:
-    """Copy deltas of bricks into those of a box, or the other way."""
-    planes, rows, width = box.shape
-    points = box.reshape(-1)
-    for brick in range(slots.size):
-        b, c, d = _apart(brick, slots.shape[1], slots.shape[2])
-        slot = np.int64(slots[b, c, d])
-        if slot != NONE:
-            y, y0, y1 = _span(py, b, planes)
-            z, z0, z1 = _span(pz, c, rows)
-            x, x0, x1 = _span(px, d, width)
-            for j in range(y0, y1):
-                at = np.uint64(slot * BRICK_DELTAS + ((j - y) * BRICK + z0 - z) * BRICK + x0 - x)
-                to = np.uint64((j * rows + z0) * width + x0)
-                for _ in range(z0, z1):
-                    if into_bricks:
-                        for i in range(np.uint64(x1 - x0)):
-                            arena[at + i] = points[to + i]
-                    else:
-                        for i in range(np.uint64(x1 - x0)):
-                            points[to + i] = arena[at + i]
-                    at, to = at + np.uint64(BRICK), to + np.uint64(width)
+def copy(arena: _Ints, slots: _Ints, box: NDArray[np.int64], points: _Ints, direction: np.int64) -> None:
+    """Copy deltas of bricks to those of a box, with 0 where there is no brick, or the other way: GATHER or SCATTER.
+
+    arena: (n,) int32, in or out. slots: (at least as many as there are bricks,) int32: of the bricks that meet the box,
+        or NONE, (y, z, x). box: (2, 3) int64, first and last point x, y, z. points: (y * z * x,) int32, out or in.
+    """
+    x0, y0, z0, x1, y1, z1 = box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2]
+    first, last = x0 >> BRICK_BITS, x1 >> BRICK_BITS
+    along, across = last - first + 1, (z1 >> BRICK_BITS) - (z0 >> BRICK_BITS) + 1
+    to = np.uint64(0)
+    for y in range(y0, y1 + 1):
+        for z in range(z0, z1 + 1):
+            brick = (((y >> BRICK_BITS) - (y0 >> BRICK_BITS)) * across + (z >> BRICK_BITS) - (z0 >> BRICK_BITS)) * along
+            row = ((y & BRICK - 1) * BRICK + (z & BRICK - 1)) * BRICK
+            for d in range(along):
+                start = max(x0, (first + d) * BRICK)
+                count = np.uint64(min(x1, (first + d) * BRICK + BRICK - 1) - start + 1)
+                slot = np.int64(slots[brick + d])
+                at = np.uint64(slot * BRICK_DELTAS + row + (start & BRICK - 1))
+                if direction == SCATTER:
+                    for i in range(count):
+                        arena[at + i] = points[to + i]
+                elif slot == NONE:
+                    for i in range(count):
+                        points[to + i] = 0
+                else:
+                    for i in range(count):
+                        points[to + i] = arena[at + i]
+                to += count

@@ -18,6 +18,7 @@ import socket
 from collections import defaultdict
 from collections.abc import Collection, Iterable
 from typing import Any, Final, NamedTuple
+from urllib.parse import parse_qsl
 
 from fastapi import Response
 from starlette.types import ASGIApp, Message, Receive, Send
@@ -29,9 +30,15 @@ from chunkserver.server.keys import Keyring, Scope
 from chunkserver.server.openapi import problem_responses
 from chunkserver.server.problems import MEDIA_TYPE, PROBLEMS, KeyNeeded, ScopeNeeded, UnknownKey, problem_body
 from chunkserver.server.request_counts import RequestCounts
+from chunkserver.server.tickets import Tickets
 
 KEY_NAME: Final = "chunkserver.key"
 """Where the name of the key stands in the ASGI scope of a request that needed one."""
+GRANTED: Final = "chunkserver.scope"
+"""Where the scope of what may be done stands there, if not everything may."""
+TICKET: Final = b"ticket"
+"""The parameter of a WebSocket's URL that stands for a key."""
+TICKETS_PATH_END: Final = "/tickets"
 SCHEME: Final = "key"
 """What the OpenAPI document calls the way in which a key is sent."""
 STREAM: Final = "WEBSOCKET"
@@ -72,7 +79,8 @@ NEEDS: Final = (
         ),
     ),
     Row(None, "GET", ("/livez", "/readyz")),
-    Row(Scope.READ, "POST", ("/v1/worlds/{world}/chunks", "/v1/seeds/{seed}/chunks")),
+    Row(Scope.READ, "POST", ("/v1/worlds/{world}/chunks", "/v1/seeds/{seed}/chunks", "/v1/worlds/{world}/tickets")),
+    Row(Scope.READ, STREAM, ("/v1/worlds/{world}/stream",)),
     Row(Scope.EDIT, "POST", ("/v1/recipes", "/v1/worlds/{world}/edits")),
     Row(Scope.ADMIN, "POST", ("/v1/worlds",)),
     Row(Scope.ADMIN, "DELETE", ("/v1/worlds/{world}",)),
@@ -113,6 +121,7 @@ class Access:
     """ASGI: lets through to `app` what needs no key, and what comes with one that covers it.
 
     anonymous: what may be done without a key; None: nothing that needs one.
+    tickets: that a WebSocket may come with, in the place of a key.
     counts: where refusals are counted.
     cors: which pages of other sites may read why they are refused; by default none.
 
@@ -129,11 +138,14 @@ class Access:
         cors: Cors | None = None,
         needs: Iterable[Row] = NEEDS,
         counts: RequestCounts | None = None,
+        tickets: Tickets | None = None,
     ) -> None:
         self._app = app
         self._keyring = keyring
         self._cors = cors or Cors(())
         self._counts = counts or RequestCounts()
+        self._tickets = Tickets() if tickets is None else tickets
+        self._anonymous = anonymous
         self._table = Table(needs)
         self._free = {scope for scope in Scope if anonymous is not None and anonymous.covers(scope)}
 
@@ -143,11 +155,12 @@ class Access:
             await self._app(asked, receive, send)
             return
         needed = self._table.needed(asked.get("method", STREAM), asked["path"])
-        if needed is None or needed in self._free:
+        if needed is None or (needed in self._free and not _comes_with_more(asked)):
+            asked[GRANTED] = self._anonymous
             await self._app(asked, receive, send)
             return
         try:
-            asked[KEY_NAME] = self._name_of_key(asked, needed)
+            asked[KEY_NAME], asked[GRANTED] = self._granted(asked, needed)
         except (KeyNeeded, UnknownKey, ScopeNeeded) as error:
             await self._refuse(error, asked, receive, send)
         else:
@@ -164,7 +177,13 @@ class Access:
                     operation["security"] = [{SCHEME: [str(needed)]}]
                     operation["responses"] = {**refusals, **operation["responses"]}
 
-    def _name_of_key(self, asked: Asked, needed: Scope) -> str:
+    def _granted(self, asked: Asked, needed: Scope) -> tuple[str, Scope]:
+        """Return the name of the key that a request comes with, and its scope."""
+        if asked["type"] == "websocket" and (token := dict(parse_qsl(asked.get("query_string", b""))).get(TICKET)):
+            ticket = self._tickets.take(token.decode("latin-1"), asked["path"])
+            if ticket is None:
+                raise UnknownKey("the ticket is not known here: it is good once, and not for long")
+            return ticket.name, ticket.scope
         given = [value for name, value in asked["headers"] if name == b"authorization"]
         scheme, _, key = given[0].partition(b" ") if len(given) == 1 else (b"", b"", b"")
         if scheme.lower() != b"bearer":
@@ -175,7 +194,7 @@ class Access:
         if not found.scope.covers(needed):
             message = f"this needs scope {needed}; the API key {found.name!r} has {found.scope}"
             raise ScopeNeeded(message, scope=str(needed), has=str(found.scope))
-        return found.name
+        return found.name, found.scope
 
     async def _refuse(self, error: ChunkError, asked: Asked, receive: Receive, send: Send) -> None:
         if asked["type"] == "websocket" and "websocket.http.response" not in asked.get("extensions", {}):
@@ -193,6 +212,20 @@ class Access:
         response = Response(body, problem.status, headers, MEDIA_TYPE)
         response.raw_headers += self._cors.headers(dict(asked["headers"]).get(b"origin"))
         await response(asked, receive, send)
+
+
+def scope_of(asked: Asked) -> Scope:
+    """Return what a request may do that has come through."""
+    granted: Scope | None = asked.get(GRANTED, Scope.ADMIN)
+    return Scope.READ if granted is None else granted
+
+
+def _comes_with_more(asked: Asked) -> bool:
+    """Whether a request, for which a key may say more than it needs, comes with one."""
+    if asked["type"] != "websocket" and not asked["path"].endswith(TICKETS_PATH_END):
+        return False
+    has_key = any(name == b"authorization" for name, _ in asked["headers"])
+    return has_key or TICKET in dict(parse_qsl(asked.get("query_string", b"")))
 
 
 def check_exposure(host: str, keys: Collection[object], insecure: bool) -> None:

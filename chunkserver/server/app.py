@@ -11,6 +11,7 @@ from starlette.types import ASGIApp, Receive, Send
 from starlette.types import Scope as Asked
 
 from chunkserver import __version__
+from chunkserver.edits import Arena
 from chunkserver.errors import ChunkError
 from chunkserver.server import (
     batch,
@@ -22,6 +23,8 @@ from chunkserver.server import (
     problems,
     recipes,
     seeds,
+    stream,
+    ticket,
     world_chunks,
     worlds,
 )
@@ -34,12 +37,14 @@ from chunkserver.server.disk import DiskCache
 from chunkserver.server.front import Front
 from chunkserver.server.geometric_errors import GeometricErrors
 from chunkserver.server.keys import Keyring, Scope
+from chunkserver.server.plain_edits import PlainEdits
 from chunkserver.server.pool import Pool
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.request_log import RequestLog
 from chunkserver.server.service import Builder, Service
 from chunkserver.server.settings import Settings
 from chunkserver.server.store import WorldStore
+from chunkserver.server.streams import Streams
 from chunkserver.store import Store
 
 DESCRIPTION = "Marching-cubes terrain: a seed and a coordinate in, a mesh out. Positions are in voxels, y is up."
@@ -87,24 +92,31 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         raise
     cache = ChunkCache(settings.cache_bytes, disk)
     pool = pool or Pool(settings.workers, settings.pool_limits)
+    arena = Arena(pool.arena, settings.edit_bytes)
+    kept = WorldStore(store, settings.answer_seconds, arena, settings.log_edits)
     app.state.service = Service(
         pool,
         cache,
         Answers(cache, cors),
         PostedRecipes(),
-        WorldStore(store, settings.answer_seconds, pool.arena),
+        kept,
         GeometricErrors(pool),
-        Connections(settings.connection_limits),
+        Streams(kept.edits, store),
+        cors,
+        connections=Connections(settings.connection_limits),
     )
-    for room in (landing, health, metrics, recipes, worlds, edits, world_chunks, seeds, batch):
+    for room in (landing, health, metrics, recipes, worlds, edits, stream, ticket, world_chunks, seeds, batch):
         app.include_router(room.router)
+    app.add_middleware(PlainEdits, service=app.state.service)
     problems.install(app)
     openapi.install(app)
     logged = RequestLog(CorsLayer(app.routed, cors), app.state.service.requests, settings.log_requests)
     app.front = Front(logged, app.state.service)
     if settings.api_keys:
         anonymous = Scope.READ if settings.anonymous_read else None
-        access = Access(app.front, Keyring(settings.api_keys), anonymous, cors, counts=app.state.service.requests)
+        service: Service = app.state.service
+        keyring = Keyring(settings.api_keys)
+        access = Access(app.front, keyring, anonymous, cors, counts=service.requests, tickets=service.tickets)
         access.describe(app.openapi())
         app.front = access
     return app
@@ -116,7 +128,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     where = "on disk" if service.worlds.durable else "in memory, until the server ends; --data DIR keeps them"
     _log.info("%d worlds, %s", len(service.worlds), where)
     async with AsyncExitStack() as closing:  # each is closed, even if another cannot be
-        for part in (service.worlds, service.cache, service.pool):
+        for part in (service.worlds, service.cache, service.pool, service.streams):
             closing.push_async_callback(part.close)
         await service.pool.start()
+        await service.worlds.start()
         yield

@@ -28,19 +28,26 @@ _VARY: Final = (b"vary", b"Origin")
 
 
 class Cors:
-    """What pages of `origins` are allowed: each a scheme, host and port as browsers send it, or "*" for any."""
+    """What pages of `origins` are allowed: each a scheme, host and port as browsers send it, or "*" for any.
+
+    any: whether pages of any site may read.
+    """
 
     def __init__(self, origins: Iterable[str]) -> None:
         names = frozenset(origin.encode("latin-1") for origin in origins)
-        self._any = ANY.encode() in names
+        self.any = ANY.encode() in names
         self._named = names - {ANY.encode()}
+
+    def names(self, origin: bytes) -> bool:
+        """Return whether pages of `origin` may write."""
+        return origin in self._named
 
     def headers(self, origin: bytes | None) -> Headers:
         """Return what every answer to a page of `origin` says; None is a client that is no page.
 
         With any site allowed it is always the same, so that a cache may give one client's answer to another.
         """
-        if self._any:
+        if self.any:
             return _READABLE
         if not self._named:
             return ()
@@ -51,7 +58,7 @@ class Cors:
 
     def preflight(self, origin: bytes, path: str) -> Headers:
         """Return what a page of `origin` may do with `path`."""
-        if not (self._any or origin in self._named):
+        if not (self.any or origin in self._named):
             return self.headers(origin)
         methods = READING
         if origin in self._named:

@@ -1,39 +1,31 @@
-"""Edits on the event loop: taken, written to the log, acknowledged; then folded in a thread, for chunks to be built.
+"""Edits on the event loop: taken, written to the log, acknowledged; then folded, for chunks to be built.
 
     edit -> History.take -> log, durable -> the world's revision: acknowledged
                                                 |
                                                 v
                               folded, some at once, in a thread -> bricks -> chunks of that revision
 
-The log is all that is kept. A world's bricks are made of it again when they are first wanted after a start.
+A world is opened when its edits are first wanted after a start: from its snapshot, and what the log has behind that.
 """
 
 import asyncio
-import json
 import logging
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from chunkserver.edits import Arena, Bricks, Edit, History, Taken
-from chunkserver.errors import BadStroke, ChunkError, DeadlinePassed, StoreError, StoreFull, WorldGone
-from chunkserver.field import Ground
+from chunkserver.edits import Arena, Bricks, Edit, Taken
+from chunkserver.errors import ChunkError, DeadlinePassed, StoreError, WorldGone
 from chunkserver.grid import ChunkKey
+from chunkserver.server.edit_counts import EditCounts, Standing
+from chunkserver.server.edited_world import EditedWorld, Place
 from chunkserver.store import Draft, Outcome, Store
-from chunkserver.worker import warm_edits
 from chunkserver.world import World
 
-FOLDED_AT_ONCE_MAX: Final = 64
-"""Edits whose bricks are published together: the coarser levels are worked out once for all of them."""
-REPLAYED_AT_ONCE_MAX: Final = 512
-"""Edits that are read from the log together, after a start."""
-
-ROOM_SECONDS: Final = 0.05
-"""How long a fold waits for room, before it is tried again."""
+SWEEP_SECONDS: Final = 0.02
+"""Between two steps of sweeping: who edits comes first."""
 
 _log: Final = logging.getLogger(__name__)
 
@@ -41,60 +33,39 @@ _log: Final = logging.getLogger(__name__)
 class Answer(NamedTuple):
     """What became of an edit.
 
-    stale: the chunks that it may have changed, as JSON's values. duplicate: it had been written before.
+    stale: the chunks that it may have changed, as JSON: a list. duplicate: it had been written before.
     """
 
     revision: int
-    stale: list[dict[str, Any]]
+    stale: bytes
     duplicate: bool
-
-
-class _EditedWorld:
-    """One world: its history, who folds it, and who waits for that.
-
-    fault: why it cannot be folded any more; None if it can.
-    """
-
-    def __init__(self, world: World, arena: Arena) -> None:
-        self.ground = Ground(world.recipe)
-        self.history = History(Bricks(world.lods, arena), self.ground.bound, world.chunk_cells)
-        self.moved = asyncio.Event()
-        self.folding: asyncio.Task[None] | None = None
-        self.fault: StoreError | None = None
-
-    def move(self) -> None:
-        """Wake all who wait for something to change."""
-        self.moved.set()
-        self.moved = asyncio.Event()
-
-    async def until(self, condition: Callable[[], bool]) -> None:
-        """Return when `condition` holds. Raises `StoreError` if edits cannot be folded any more."""
-        while not condition():
-            if self.fault is not None:
-                raise self.fault
-            await self.moved.wait()
-
-    def is_folded(self) -> bool:
-        """Whether all edits that are written are in the bricks."""
-        return self.history.bricks.revision == self.history.revision
 
 
 class Editing:
     """The edits of all worlds of one server. Belongs to the event loop.
 
-    arena: (n,) int32, memory that workers read: where bricks lie.
+    arena: where bricks lie; workers read it.
     answer_seconds: how long a chunk waits for its bricks at most.
+    log_edits: of each world, that are kept one by one at least.
     moved: called when a world has got to another revision.
+    gone: called with the epoch of a world that is deleted.
+    told: called with each edit that is written, in the order of a world's revisions, before who sent it is answered.
+    counts: what it has counted.
     """
 
-    def __init__(self, store: Store, arena: NDArray[np.int32], answer_seconds: float) -> None:
+    def __init__(self, store: Store, arena: Arena, answer_seconds: float, log_edits: int) -> None:
         self.moved: Callable[[], None] = lambda: None
+        self.gone: Callable[[str], None] = lambda _epoch: None
+        self.told: Callable[[Draft, int], None] = lambda _draft, _revision: None
+        self.counts = EditCounts()
         self._store = store
-        self._arena = Arena(arena)
+        self._place = Place(store, arena, ThreadPoolExecutor(1, "fold"), self.counts, log_edits, self.sweep)
         self._answer_seconds = answer_seconds
-        self._worlds: dict[str, _EditedWorld] = {}
-        self._opening: dict[str, asyncio.Task[_EditedWorld]] = {}
-        self._folder = ThreadPoolExecutor(1, "fold")
+        self._worlds: dict[str, EditedWorld] = {}
+        self._opening: dict[str, asyncio.Task[EditedWorld]] = {}
+        self._leaving: set[asyncio.Task[None]] = set()
+        self._sweeping: asyncio.Task[None] | None = None
+        self._unswept = False
 
     def revision(self, world: World) -> int:
         """Return how many edits a world has taken."""
@@ -106,6 +77,13 @@ class Editing:
         found = self._worlds.get(epoch)
         return 0 if found is None else found.history.last_edit(key)
 
+    def standing(self) -> Standing:
+        """Return how things stand."""
+        histories = [state.history for state in self._worlds.values()]
+        unfolded = sum(history.revision - history.bricks.revision for history in histories)
+        bricks, arena = sum(len(history.bricks) for history in histories), self._place.arena
+        return Standing(len(histories), unfolded, bricks, arena.taken, len(arena.deltas), arena.weight)
+
     async def open(self, world: World) -> None:
         """Have it known which chunks of a world are edited: its log is read. It stays open.
 
@@ -113,25 +91,38 @@ class Editing:
         """
         await self._opened(world)
 
-    async def take(self, world: World, edit: Edit, key: str | None) -> Answer:
+    async def take(
+        self, world: World, edit: Edit, key: str | None = None, client: str | None = None, seq: int | None = None
+    ) -> Answer:
         """Write an edit. When this returns, it is durable, and every answer from now on has it.
 
         key: another name of the edit; the same edit under the same key is written once.
+        client, seq: who sends it, and the client's own number for it, which rises; it is written once too.
+
+        Edits that are taken one after the other, without a wait between, are written in this order.
 
         Raises what `History.take` and `Writer.submit` raise; `WorldGone`, `BadParameter` if the key is another edit's;
         `StoreError`.
         """
+        begun = time.perf_counter()
         state = await self._opened(world)
-        taken = await self._taken(state, edit)
         loop, answer = asyncio.get_running_loop(), asyncio.get_running_loop().create_future()
-        try:
-            draft = Draft(epoch=world.epoch, digest=edit.digest, strokes=edit.source, stale=taken.told, key=key)
+
+        def write(taken: Taken) -> None:
+            draft = Draft(
+                epoch=world.epoch,
+                digest=edit.digest,
+                strokes=edit.source,
+                stale=taken.told,
+                key=key,
+                client=client,
+                seq=seq,
+            )
+            written = partial(self._written, state, taken, draft, answer, begun)
             writing = self._store.writer.submit(draft)
-        except BaseException:
-            state.history.dropped(taken)
-            raise
-        written = partial(self._written, state, taken, answer)
-        writing.add_done_callback(lambda done: loop.call_soon_threadsafe(written, done))
+            writing.add_done_callback(lambda done: loop.call_soon_threadsafe(written, done))
+
+        await state.take(edit, write)
         result: Answer = await asyncio.shield(answer)
         return result
 
@@ -148,89 +139,95 @@ class Editing:
 
         Beside them, the revision of the last edit that is in them and has reached chunk `key`.
 
-        Raises `DeadlinePassed`; `StoreError` if edits cannot be folded any more, or the world is gone.
+        Raises `DeadlinePassed`; `StoreError` if edits cannot be folded any more, or the world is gone; `Unavailable`.
         """
         state = self._worlds.get(epoch)
         if state is None:
             raise WorldGone("the world is gone")
         try:
             async with asyncio.timeout(self._answer_seconds):
-                await state.until(lambda: state.history.bricks.revision >= revision)
+                bricks = await state.folded(revision)
         except TimeoutError:
             message = f"edits up to {revision} were not worked out within {self._answer_seconds:g} s"
             raise DeadlinePassed(message, revision=str(revision), answer_seconds=self._answer_seconds) from None
-        return state.history.last_folded(key), state.history.bricks
+        return state.history.last_folded(key), bricks
 
     def forget(self, epoch: str) -> None:
         """Let go of a world that is gone."""
-        self._worlds.pop(epoch, None)
+        self.gone(epoch)
+        self._let_go(epoch)
+        if epoch in self._opening:
+            self._opening[epoch].add_done_callback(lambda _: self._let_go(epoch))
+        self.sweep()
+
+    def sweep(self) -> None:
+        """Begin to delete what nothing refers to any more, or go on with it."""
+        self._unswept = True
+        if self._sweeping is None or self._sweeping.done():
+            self._sweeping = asyncio.ensure_future(self._sweep())
 
     async def close(self) -> None:
-        """Fold no more. The writer of the log has to be closed before."""
-        for opening in self._opening.values():
+        """Fold no more, and keep what is folded. The writer of the log has to be closed before."""
+        openings = list(self._opening.values())
+        for opening in openings:
             opening.cancel()
-        for state in self._worlds.values():
-            if state.folding is not None:
-                state.folding.cancel()
-        await asyncio.to_thread(self._folder.shutdown, cancel_futures=True)
+        await asyncio.gather(*openings, return_exceptions=True)
+        await asyncio.gather(*(state.close() for state in self._worlds.values()), *self._leaving)
+        if self._sweeping is not None:
+            self._sweeping.cancel()
+            await asyncio.gather(self._sweeping, return_exceptions=True)
+        await asyncio.to_thread(self._place.thread.shutdown, cancel_futures=True)
 
-    async def _taken(self, state: _EditedWorld, edit: Edit) -> Taken:
-        """Take an edit. What is known of unfolded edits is coarse: one that is refused for that is tried once more."""
-        if state.fault is not None:
-            raise state.fault
+    def _let_go(self, epoch: str) -> None:
+        state = self._worlds.pop(epoch, None)
+        if state is not None:
+            self._leaving.add(leaving := asyncio.ensure_future(state.drop()))
+            leaving.add_done_callback(self._leaving.discard)
+
+    async def _sweep(self) -> None:
         try:
-            return state.history.take(edit)
-        except BadStroke:
-            if state.is_folded():
-                raise
-        await state.until(state.is_folded)
-        return state.history.take(edit)
+            while self._unswept:
+                self._unswept = False
+                while await asyncio.to_thread(self._store.log.sweep):
+                    await asyncio.sleep(SWEEP_SECONDS)
+        except ChunkError as error:
+            _log.warning("what is not needed any more stays in the log for now: %s", error)
 
     def _written(
-        self, state: _EditedWorld, taken: Taken, answer: asyncio.Future[Answer], done: Future[Outcome]
+        self,
+        state: EditedWorld,
+        taken: Taken,
+        draft: Draft,
+        answer: asyncio.Future[Answer],
+        begun: float,
+        done: Future[Outcome],
     ) -> None:
         """Go on from what the log says. The answer is given in the same turn of the loop: nothing comes between."""
         error = done.exception()
         if error is not None:
-            state.history.dropped(taken)
+            state.dropped(taken)
             _settle(answer, error)
             return
         outcome = done.result()
         if outcome.duplicate:
-            state.history.dropped(taken)
+            state.dropped(taken)
+            self.counts.duplicates += 1
         else:
-            state.history.written(taken, outcome.revision)
-            state.move()
+            state.written(taken, outcome.revision)
+            self._count(taken, outcome, time.perf_counter() - begun)
             self.moved()
-            self._fold_soon(state)
-        _settle(answer, Answer(outcome.revision, json.loads(outcome.stale or b"[]"), outcome.duplicate))
+            self.told(draft, outcome.revision)
+        _settle(answer, Answer(outcome.revision, outcome.stale or b"[]", outcome.duplicate))
 
-    def _fold_soon(self, state: _EditedWorld) -> None:
-        if state.folding is None or state.folding.done():
-            state.folding = asyncio.ensure_future(self._fold(state))
+    def _count(self, taken: Taken, outcome: Outcome, seconds: float) -> None:
+        counts = self.counts
+        counts.written += 1
+        counts.strokes += len(taken.edit.strokes)
+        counts.stale += taken.chunks
+        counts.log_bytes += len(taken.edit.source) + len(outcome.stale)
+        counts.write_seconds.observe(seconds)
 
-    async def _fold(self, state: _EditedWorld) -> None:
-        """Fold until all that is written is folded."""
-        history, ground = state.history, state.ground
-        try:
-            while edits := history.unfolded(FOLDED_AT_ONCE_MAX):
-                revision = history.bricks.revision + len(edits)
-                fold = partial(history.bricks.apply, edits, revision, lambda box: ground.sample(box.low, box.shape))
-                try:
-                    bricks = await asyncio.get_running_loop().run_in_executor(self._folder, fold)
-                except (
-                    StoreFull
-                ):  # there is room for all that is taken, when chunks that are being built let go of theirs
-                    await asyncio.sleep(ROOM_SECONDS)
-                    continue
-                history.publish(bricks)
-                state.move()
-        except Exception as error:  # noqa: BLE001 - whatever it was: nobody may be answered with chunks that lack an edit
-            _log.critical("edits cannot be worked out any more: %r", error)
-            state.fault = StoreError("the edits of this world cannot be worked out; the server's log says why")
-            state.move()
-
-    async def _opened(self, world: World) -> _EditedWorld:
+    async def _opened(self, world: World) -> EditedWorld:
         found = self._worlds.get(world.epoch)
         if found is not None:
             return found
@@ -244,23 +241,9 @@ class Editing:
             message = f"the edits of world {world.id!r} were not worked out within {self._answer_seconds:g} s"
             raise DeadlinePassed(message, world=world.id, answer_seconds=self._answer_seconds) from None
 
-    async def _open(self, world: World) -> _EditedWorld:
-        state = await asyncio.to_thread(_prepared, world, self._arena)
-        history, log = state.history, self._store.log
-        while edits := await asyncio.to_thread(log.read, world.epoch, history.revision, REPLAYED_AT_ONCE_MAX):
-            for edit in edits:
-                history.logged(edit.strokes, edit.stale)
-            await self._fold(state)
-            if state.fault is not None:
-                raise state.fault
-        self._worlds[world.epoch] = state
+    async def _open(self, world: World) -> EditedWorld:
+        state = self._worlds[world.epoch] = await EditedWorld.open(world, self._place)
         return state
-
-
-def _prepared(world: World, arena: Arena) -> _EditedWorld:
-    """Return a world without edits, when all that edits run is compiled: this is for a thread, the loop has no time."""
-    warm_edits()
-    return _EditedWorld(world, arena)
 
 
 def _settle(answer: asyncio.Future[Answer], outcome: Answer | BaseException) -> None:

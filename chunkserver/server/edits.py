@@ -1,7 +1,7 @@
 """Edits as a resource: one is appended to a world's log, and the log is read."""
 
 import json
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, WithJsonSchema
@@ -13,7 +13,7 @@ from chunkserver.server.chunks import REVALIDATE
 from chunkserver.server.openapi import RESOURCE, header, problem_responses
 from chunkserver.server.parameters import Decimal, NoQuery, Revision, WorldId, refuse_repeats
 from chunkserver.server.problems import BodyTooLarge, BodyTooSlow, NotJson, OtherGenerator, UnknownWorld
-from chunkserver.server.service import ServiceOfApp
+from chunkserver.server.service import Service, ServiceOfApp
 from chunkserver.server.worlds import REVISION_PATTERN, WORLD
 
 EDITS: Final = f"{WORLD}/edits"
@@ -96,6 +96,7 @@ router: Final = APIRouter(dependencies=[Depends(refuse_repeats)], tags=["edits"]
 @router.post(
     EDITS,
     summary="Edit a world",
+    response_model=Written,
     responses={
         200: {"description": "It is durable, and in every chunk that is asked for from now on."},
         **problem_responses(
@@ -113,12 +114,20 @@ async def edit_world(
     request: Request,
     service: ServiceOfApp,
     key: IdempotencyKey = None,
-) -> Written:
+) -> Response:
     """One edit: its strokes are applied as one. The answer comes when it is durable."""
-    found = service.worlds.find(world)
-    edit = Edit.of(parsed(NewEdit, await json_body(request, BODY_BYTES_MAX)).strokes)
-    answer = await service.worlds.edits.take(found, edit, key)
-    return Written(revision=str(answer.revision), duplicate=answer.duplicate, stale=_ranges(answer.stale))
+    return await append(service, request, world, key)
+
+
+async def append(service: Service, request: Request, world: str, key: str | None) -> Response:
+    """Return the answer, a `Written`, when the edit that is the request's body is durable."""
+    found, edits = service.worlds.find(world), service.worlds.edits
+    with edits.counts.refusals():
+        edit = Edit.of(parsed(NewEdit, await json_body(request, BODY_BYTES_MAX)).strokes)
+        answer = await edits.take(found, edit, key)
+    duplicate = b"true" if answer.duplicate else b"false"
+    written = b'{"revision":"%d","duplicate":%b,"stale":%b}' % (answer.revision, duplicate, answer.stale)
+    return Response(written, media_type=JSON_MEDIA_TYPE)
 
 
 @router.api_route(
@@ -138,11 +147,7 @@ async def world_edits(
     found = service.worlds.find(world)
     edits = await service.worlds.edits.read(found, query.after, query.limit)
     logged = [
-        Logged(revision=str(revision), strokes=json.loads(source), stale=_ranges(json.loads(stale)))
+        Logged(revision=str(revision), strokes=json.loads(source), stale=json.loads(stale))
         for revision, source, stale in edits
     ]
     return Edits(edits=logged, revision=str(service.worlds.find(world).revision))
-
-
-def _ranges(told: list[dict[str, Any]]) -> list[Range]:
-    return [Range(**each) for each in told]

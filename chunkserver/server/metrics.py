@@ -23,9 +23,11 @@ from chunkserver import __version__
 from chunkserver.kernel import SOURCES_DIGEST
 from chunkserver.server.accept import preferred
 from chunkserver.server.disk import DiskCache
+from chunkserver.server.edit_counts import EditCounts, Standing
 from chunkserver.server.histogram import Histogram
 from chunkserver.server.openapi import RESOURCE, header, problem_responses
 from chunkserver.server.pool import Pool
+from chunkserver.server.problems import problem_of
 from chunkserver.server.service import Service, ServiceOfApp
 
 Readings = Mapping[tuple[str, ...], float | Histogram]
@@ -56,6 +58,22 @@ def _tally(name: str) -> Callable[[Service], Readings]:
 
 def _disk(read: Callable[[DiskCache], float]) -> Callable[[Service], Readings]:
     return lambda service: {(): read(service.cache.disk)} if service.cache.disk else {}
+
+
+def _edits(read: Callable[[EditCounts], float | Histogram]) -> Callable[[Service], Readings]:
+    return lambda service: {(): read(service.worlds.edits.counts)}
+
+
+def _standing(read: Callable[[Standing], float]) -> Callable[[Service], Readings]:
+    return lambda service: {(): read(service.worlds.edits.standing())}
+
+
+def _refused_edits(service: Service) -> Readings:
+    found: dict[tuple[str, ...], float] = {}
+    for kind, count in service.worlds.edits.counts.refused.items():
+        named = (problem_of(kind).name,)
+        found[named] = found.get(named, 0) + count
+    return found
 
 
 def _front(service: Service) -> Readings:
@@ -195,6 +213,82 @@ TABLE: Final = (
         ("stage",),
     ),
     Row("chunkserver_worlds", "gauge", "Worlds in the catalogue.", _one(lambda of: len(of.worlds))),
+    Row(
+        "chunkserver_worlds_open",
+        "gauge",
+        "Worlds whose edits have been read from the log, since somebody asked for them.",
+        _standing(lambda now: now.open),
+    ),
+    Row("chunkserver_edits_total", "counter", "Edits that were written.", _edits(lambda of: of.written)),
+    Row("chunkserver_strokes_total", "counter", "Strokes of these edits.", _edits(lambda of: of.strokes)),
+    Row(
+        "chunkserver_edits_duplicate_total",
+        "counter",
+        "Edits that had been written before, and were answered as then.",
+        _edits(lambda of: of.duplicates),
+    ),
+    Row(
+        "chunkserver_edits_refused_total",
+        "counter",
+        "Edits that were not written, by problem.",
+        _refused_edits,
+        ("problem",),
+    ),
+    Row(
+        "chunkserver_edit_seconds",
+        "histogram",
+        "Of an edit that was written: from when it was read until it was durable.",
+        _edits(lambda of: of.write_seconds),
+    ),
+    Row(
+        "chunkserver_edits_log_bytes_total",
+        "counter",
+        "What edits brought into the log: their strokes, and what they made stale.",
+        _edits(lambda of: of.log_bytes),
+    ),
+    Row(
+        "chunkserver_edits_stale_chunks_total",
+        "counter",
+        "Chunks, on all levels, that edits made stale.",
+        _edits(lambda of: of.stale),
+    ),
+    Row(
+        "chunkserver_edits_unfolded",
+        "gauge",
+        "Edits that are durable and not in the bricks yet: chunks that they have reached wait for that.",
+        _standing(lambda now: now.unfolded),
+    ),
+    Row("chunkserver_edits_folded_total", "counter", "Edits that got into the bricks.", _edits(lambda of: of.folded)),
+    Row(
+        "chunkserver_fold_seconds",
+        "histogram",
+        "Of edits that were folded together: until their bricks could be read.",
+        _edits(lambda of: of.fold_seconds),
+    ),
+    Row(
+        "chunkserver_streams",
+        "gauge",
+        "Connections to streams of edits.",
+        lambda service: {(): service.streams.connections},
+    ),
+    Row(
+        "chunkserver_streams_closed_total",
+        "counter",
+        "Connections to streams that ended, by the code they were closed with.",
+        lambda service: {(str(code),): count for code, count in service.streams.closed.items()},
+        ("code",),
+    ),
+    Row("chunkserver_bricks", "gauge", "Bricks of the open worlds.", _standing(lambda now: now.bricks)),
+    Row("chunkserver_arena_slots", "gauge", "Bricks that are ready to be read.", _standing(lambda now: now.slots)),
+    Row(
+        "chunkserver_arena_slots_max", "gauge", "How many can be, of 16 KiB each.", _standing(lambda now: now.slots_max)
+    ),
+    Row(
+        "chunkserver_edit_memory_bytes",
+        "gauge",
+        "What edits take beside the arena; `edit_bytes` is its limit.",
+        _standing(lambda now: now.weight),
+    ),
     Row("chunkserver_recipes", "gauge", "Posted recipes that are kept.", _one(lambda of: len(of.posted))),
     Row("chunkserver_recipes_bytes", "gauge", "What they weigh.", _one(lambda of: of.posted.bytes)),
 )

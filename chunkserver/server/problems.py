@@ -13,6 +13,7 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import iter_route_contexts
 from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
 
 from chunkserver.errors import (
     BadKey,
@@ -129,6 +130,10 @@ class ScopeNeeded(ChunkError):
     """The API key is good, but not for this."""
 
 
+class OriginRefused(ChunkError):
+    """A page of a site that may not use this server."""
+
+
 class BodyTooLarge(ChunkError):
     """The body is over its limit; what is left of it is not read."""
 
@@ -167,6 +172,7 @@ PROBLEMS: Final[dict[type[Exception] | int, Problem]] = {
     KeyNeeded: Problem(401, "key-needed", "This needs an API key"),
     UnknownKey: Problem(401, "unknown-key", "The API key is not known here"),
     ScopeNeeded: Problem(403, "scope-needed", "The API key is not good for this"),
+    OriginRefused: Problem(403, "origin-refused", "Pages of this site may not use the server"),
     StoreFull: Problem(507, "store-full", "There is no room for more"),
     404: Problem(404, "not-found", "Nothing is here"),
     405: Problem(405, "method-not-allowed", "The resource does not have this method"),
@@ -191,11 +197,11 @@ async def answer(request: Request, error: Exception) -> Response:
     return refusal(request, error)
 
 
-def refusal(request: Request, error: Exception) -> Response:
+def refusal(request: HTTPConnection, error: Exception) -> Response:
     """Return the problem+json of `error`; a failure of the server is logged with its cause, never shown."""
     problem = _problem(error)
     if problem.status == HTTPStatus.INTERNAL_SERVER_ERROR and _is_untold(error):
-        logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
+        logger.error("%s %s failed", _method(request), request.url.path, exc_info=error)
     detail, values = _account(request, error)
     headers = dict(getattr(error, "headers", None) or {}) | {"Cache-Control": "no-store"}
     if problem.status == HTTPStatus.METHOD_NOT_ALLOWED:
@@ -221,14 +227,24 @@ def problem_body(
     }
 
 
+def problem_of(kind: type[Exception]) -> Problem:
+    """Return how errors of a class are answered."""
+    return next(PROBLEMS[above] for above in kind.__mro__ if above in PROBLEMS)
+
+
 def _problem(error: Exception) -> Problem:
     if isinstance(error, HTTPException):
         status = HTTPStatus(error.status_code)
         return PROBLEMS.get(status, Problem(status, "", status.phrase))
-    return next(PROBLEMS[kind] for kind in type(error).__mro__ if kind in PROBLEMS)
+    return problem_of(type(error))
 
 
-def _allowed(request: Request) -> str:
+def _method(request: HTTPConnection) -> str:
+    method: str = request.scope.get("method", "WEBSOCKET")
+    return method
+
+
+def _allowed(request: HTTPConnection) -> str:
     """The methods of all routes of this path: the framework names those of the first alone."""
     routes = iter_route_contexts(request.app.routes)
     fitting = (route.methods or () for route in routes if route.path_regex.match(request.url.path))
@@ -240,13 +256,13 @@ def _is_untold(error: Exception) -> bool:
     return isinstance(error, ChunkError) and not isinstance(error, BuildFault)
 
 
-def _account(request: Request, error: Exception) -> tuple[str, Mapping[str, object]]:
+def _account(request: HTTPConnection, error: Exception) -> tuple[str, Mapping[str, object]]:
     """What to tell about `error`: a sentence, and the values it speaks of."""
     match error:
         case RequestValidationError():
             return _validation_account(error.errors())
         case HTTPException():
-            found = {"method": request.method} if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED else {}
+            found = {"method": _method(request)} if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED else {}
             return str(error.detail), {"path": request.url.path, **found}
         case ChunkError() if _problem(error).status != HTTPStatus.INTERNAL_SERVER_ERROR:
             return error.message, error.values

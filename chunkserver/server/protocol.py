@@ -185,6 +185,17 @@ class BoundedProtocol(HttpToolsProtocol, Watched):
         self._pauses += 1
         super().pause_writing()
 
+    def handle_websocket_upgrade(self) -> None:
+        """A WebSocket is asked for: another protocol takes over."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            self._refuse(MalformedHttp)  # another answer is still to come
+            return
+        self._ended = True
+        super().handle_websocket_upgrade()
+
+    def _should_upgrade(self) -> bool:
+        return self.scope["method"] == "GET" and super()._should_upgrade()
+
     # What `Connections` calls
 
     def look(self) -> int:

@@ -62,7 +62,8 @@ class RequestLog:
         self._app = app
         self._counts = counts
         self._which = which
-        self._made = (f"{secrets.token_hex(6)}-{number:x}" for number in count(1))
+        start = secrets.token_hex(6)  # of this server's life. One for each request would be a system call for each
+        self._made = (f"{start}-{number:x}" for number in count(1))
         self._theirs, self._ours = Allowance(), Allowance()
         self._left_out = 0
 

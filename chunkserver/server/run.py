@@ -18,6 +18,8 @@ from chunkserver import __version__
 from chunkserver.server import log_format
 from chunkserver.server.connections import ConnectionLimits, Connections
 from chunkserver.server.protocol import bounded
+from chunkserver.server.stream_protocol import streaming
+from chunkserver.stream import limits as stream_limits
 
 BACKLOG_MAX: Final = 1024
 """Connections that the operating system accepts before the server does."""
@@ -93,7 +95,9 @@ def _config(app: ASGIApp, connections: Connections) -> uvicorn.Config:
         server_header=False,
         timeout_graceful_shutdown=GRACE_SECONDS,
         timeout_keep_alive=math.ceil(connections.limits.keep_alive_seconds),
-        ws="none",
+        ws=streaming(connections),
+        ws_max_size=stream_limits.FRAME_BYTES_MAX,
+        ws_per_message_deflate=False,
     )
 
 

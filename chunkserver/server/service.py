@@ -13,11 +13,14 @@ from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.answers import Answers
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.connections import Connections
+from chunkserver.server.cors import Cors
 from chunkserver.server.geometric_errors import GeometricErrors
 from chunkserver.server.pool import URGENCY_DEFAULT
 from chunkserver.server.posted import PostedRecipes
 from chunkserver.server.request_counts import RequestCounts
 from chunkserver.server.store import WorldStore
+from chunkserver.server.streams import Streams
+from chunkserver.server.tickets import Tickets
 
 
 class Builder(Protocol):
@@ -57,8 +60,8 @@ class Builder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """Workers, the chunks that they made, answers given before, posted recipes, worlds,
-    errors of levels; connections and counts.
+    """Workers, the chunks that they made, answers given before, posted recipes, worlds, errors of levels,
+    streams of edits; which pages may do what, tickets, connections and counts.
     """
 
     pool: Builder
@@ -67,6 +70,9 @@ class Service:
     posted: PostedRecipes
     worlds: WorldStore
     errors: GeometricErrors
+    streams: Streams
+    cors: Cors
+    tickets: Tickets = field(default_factory=Tickets)
     connections: Connections = field(default_factory=Connections)
     requests: RequestCounts = field(default_factory=RequestCounts)
 

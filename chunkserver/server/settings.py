@@ -35,6 +35,15 @@ SECONDS_MAX: Final = 3600.0
 WORKER_BYTES_MIN: Final = 16 << 20
 """Less would replace a worker after a few large chunks."""
 WORKER_BYTES_MAX: Final = 1 << 40
+ARENA_BYTES_MIN: Final = 64 << 20
+"""Room for 4,096 bricks: the largest stroke that is as wide as it is long takes less than half, and is there twice."""
+ARENA_BYTES_MAX: Final = 1 << 40
+ARENA_STEP_BITS: Final = 20
+"""It is cut to whole MiB, which are whole bricks."""
+LOG_EDITS_MIN: Final = 1000
+LOG_EDITS_MAX: Final = 1 << 40
+EDIT_BYTES_MIN: Final = 16 << 20
+EDIT_BYTES_MAX: Final = 1 << 40
 CONNECTIONS_MAX: Final = 100_000
 ORIGINS_MAX: Final = 1000
 ORIGIN_PATTERN: Final = r"\*|[a-z][a-z0-9+.-]*://[!-.0-~]+"
@@ -131,6 +140,27 @@ class Settings(BaseSettings):
         le=WORKER_BYTES_MAX,
         description="What a worker's own memory may grow by before it is replaced.",
     )
+    arena_bytes: ByteSize = Field(
+        ByteSize(POOL.arena_bytes),
+        ge=ARENA_BYTES_MIN,
+        le=ARENA_BYTES_MAX,
+        description="Memory for what edits have changed while it is read; what is not used takes none. An edit that "
+        "cannot be worked out in it is refused.",
+    )
+    edit_bytes: ByteSize = Field(
+        ByteSize(1 << 30),
+        ge=EDIT_BYTES_MIN,
+        le=EDIT_BYTES_MAX,
+        description="Memory for what edits have changed while nobody reads it, of all open worlds; an edit that has no "
+        "room is refused. Beside it `arena_bytes` again at most.",
+    )
+    log_edits: int = Field(
+        500_000,
+        ge=LOG_EDITS_MIN,
+        le=LOG_EDITS_MAX,
+        description="Edits of a world that are kept one by one, at least. When there are twice as many, what the older "
+        "half has made takes their place.",
+    )
     connections_max: int = Field(
         CONNECTIONS.connections_max, ge=1, le=CONNECTIONS_MAX, description="Connections that are open at once."
     )
@@ -193,7 +223,8 @@ class Settings(BaseSettings):
     @property
     def pool_limits(self) -> Limits:
         """What bounds the waiting, and the workers."""
-        return Limits(self.jobs_waiting, self.answer_seconds, self.build_seconds, self.worker_bytes)
+        arena_bytes = self.arena_bytes >> ARENA_STEP_BITS << ARENA_STEP_BITS
+        return Limits(self.jobs_waiting, self.answer_seconds, self.build_seconds, self.worker_bytes, arena_bytes)
 
     @property
     def connection_limits(self) -> ConnectionLimits:

@@ -6,9 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from chunkserver.edits import Arena
 from chunkserver.errors import DeadlinePassed
 from chunkserver.pipeline import generator
 from chunkserver.server.editing import Editing
@@ -27,13 +25,15 @@ class WorldStore:
     answer_seconds: how long `at_revision` waits at most.
     """
 
-    def __init__(self, store: Store, answer_seconds: float, arena: NDArray[np.int32]) -> None:
-        self.edits = Editing(store, arena, answer_seconds)
+    def __init__(self, store: Store, answer_seconds: float, arena: Arena, log_edits: int) -> None:
+        """arena: where the bricks of edits lie. log_edits: of each world, that are kept one by one at least."""
+        self.edits = Editing(store, arena, answer_seconds, log_edits)
         self.edits.moved = self._move
         self.durable = store.folder is not None
         self.answer_seconds = answer_seconds
         self._store = store
         self._catalogue = store.catalogue
+        store.snapshots.keep(world.epoch for world in self._catalogue.page("", len(self._catalogue)))
         self._writer = ThreadPoolExecutor(1, "catalogue")
         self._moved = asyncio.Event()
 
@@ -72,6 +72,10 @@ class WorldStore:
             message = f"world {name!r} did not get to revision {revision} within {self.answer_seconds:g} s"
             raise DeadlinePassed(message, min_revision=str(revision), answer_seconds=self.answer_seconds) from None
         return self.find(name)
+
+    async def start(self) -> None:
+        """Begin to tidy up; returns at once."""
+        self.edits.sweep()
 
     async def create(self, world: World) -> World:
         """Return the world that has this id: `world`, or one that had it before. Raises `StoreError`."""

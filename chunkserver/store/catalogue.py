@@ -12,12 +12,17 @@ from typing import Final
 from chunkserver.errors import BadRequest, StoreError, StoreFull
 from chunkserver.recipe import WorldRecipe
 from chunkserver.store.sqlite import Database
-from chunkserver.world import WORLDS_MAX, World
+from chunkserver.world import WORLDS_MAX, World, new_epoch
 
 SOURCES_BYTES_MAX: Final = 64 << 20
 """Of the recipes of all worlds, which are kept in memory. One that two worlds have counts twice."""
 
+_MIGRATED: Final = (
+    "UPDATE logs SET migrated = (SELECT revision FROM tails WHERE tails.epoch = logs.epoch) WHERE epoch = ?"
+)
 _COLUMNS: Final = "id, epoch, seed, source, recipe_name, voxel_size, lods, chunk_cells, generator, created"
+
+_WORLDLESS: Final = "epoch NOT IN (SELECT epoch FROM worlds)"
 
 _Row = tuple[str, str, int, str, str, float, int, int, str, str]
 
@@ -37,6 +42,10 @@ class Catalogue:
                 f"SELECT {_COLUMNS}, revision FROM worlds JOIN tails USING (epoch) ORDER BY id"
             )
             self._worlds = {row[0]: _world(row, database.path) for row in rows}
+            left = connection.execute(f"SELECT count(*) FROM logs WHERE {_WORLDLESS}").get
+        if left:
+            with database.write() as connection:
+                connection.execute(f"DELETE FROM logs WHERE {_WORLDLESS}")
 
     def __len__(self) -> int:
         return len(self._worlds)
@@ -50,8 +59,18 @@ class Catalogue:
         worlds = self._worlds
         return [worlds[name] for name in sorted(name for name in worlds if name > after)[:limit]]
 
+    def prepare(self, epoch: str) -> None:
+        """Begin the log of a world that is yet to be created with this epoch: nobody finds it before.
+
+        If the world is not created, its log is gone when the catalogue is opened again. Raises `StoreError`.
+        """
+        with self._database.write() as connection:
+            connection.execute("INSERT INTO logs (epoch) VALUES (?)", (epoch,))
+
     def create(self, world: World) -> World:
         """Return the world that now has this id: `world`, durably; or one that had it before, which is left alone.
+
+        Its log is empty, if it was not prepared.
 
         Raises `StoreFull` if there are WORLDS_MAX, their recipes are too long together, or the disk is full;
         `StoreError` if it cannot be written.
@@ -87,7 +106,22 @@ class Catalogue:
             change = "UPDATE worlds SET generator = ? WHERE id = ?"
             with self._database.write() as connection:
                 connection.executemany(change, [(token, name) for name, token in generators.items()])
+                connection.executemany(_MIGRATED, [(world.epoch,) for world in worlds.values()])
             self._worlds = {**self._worlds, **worlds}
+
+    def renew(self) -> list[World]:
+        """Give every world a new epoch, durably, and return them: their logs are not those that clients have seen.
+
+        Raises `StoreError`.
+        """
+        with self._writing:
+            worlds = {name: replace(world, epoch=new_epoch()) for name, world in self._worlds.items()}
+            epochs = [(worlds[name].epoch, world.epoch) for name, world in self._worlds.items()]
+            with self._database.write() as connection:
+                for table in ("logs", "worlds"):
+                    connection.executemany(f"UPDATE {table} SET epoch = ? WHERE epoch = ?", epochs)
+            self._worlds = worlds
+            return list(worlds.values())
 
     def _check_room(self, world: World) -> None:
         if len(self) >= WORLDS_MAX:

@@ -102,16 +102,22 @@ class Snapshots:
 
         return bool(self._attempt(change))
 
+    def drop(self, *epochs: str) -> None:
+        """Drop the snapshots of worlds that are gone."""
+
+        def drop(connection: apsw.Connection) -> None:
+            with connection:
+                connection.executemany("DELETE FROM snapshots WHERE epoch = ?", [(epoch,) for epoch in epochs])
+
+        self._attempt(drop)
+
     def keep(self, epochs: Iterable[str]) -> None:
         """Drop the snapshots of all other worlds."""
         kept = set(epochs)
-
-        def drop(connection: apsw.Connection) -> None:
-            found = [epoch for (epoch,) in connection.execute("SELECT epoch FROM snapshots") if epoch not in kept]
-            with connection:
-                connection.executemany("DELETE FROM snapshots WHERE epoch = ?", [(epoch,) for epoch in found])
-
-        self._attempt(drop)
+        found = self._attempt(
+            lambda connection: [epoch for (epoch,) in connection.execute("SELECT epoch FROM snapshots")]
+        )
+        self.drop(*(epoch for epoch in found or () if epoch not in kept))
 
     def close(self) -> None:
         """Close the file."""

@@ -10,7 +10,6 @@ All that is known of SQLite's errors is here. Knows no HTTP and no asyncio.
 import fcntl
 import logging
 import os
-import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -20,6 +19,8 @@ import apsw
 
 from chunkserver.errors import StoreError, StoreFull
 from chunkserver.store.schema import APPLICATION_ID, FORMAT, FORMATS
+from chunkserver.store.seldom import Seldom
+from chunkserver.store.turns import Turns
 
 FILE_NAME: Final = "worlds.sqlite"
 LOCK_NAME: Final = "lock"
@@ -52,19 +53,20 @@ class Database:
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder
         self.path = str(folder.absolute() / FILE_NAME) if folder else _IN_MEMORY
-        self._writing = threading.RLock()
+        self._writing = Turns()
+        self._say_full, self._say_long = Seldom(_log, logging.ERROR), Seldom(_log, logging.WARNING)
         self._failed = ""
         self._wal_pages = 0
-        with ExitStack() as held, told(self.path):
+        with ExitStack() as held, _told(self.path, self._say_full):
             if folder:
-                held.callback(os.close, _locked(folder))
+                held.enter_context(locked(folder))
             self._writer = apsw.Connection(self.path)
             held.callback(self._writer.close)
             _prepare(self._writer, self.path)
             self._writer.set_wal_hook(self._count_pages)
             self._reader, self._reading = self._writer, self._writing
             if folder:
-                self._reader, self._reading = _reader(self.path), threading.RLock()
+                self._reader, self._reading = _reader(self.path), Turns()
                 held.callback(self._reader.close)
             self._held = held.pop_all()
 
@@ -74,7 +76,7 @@ class Database:
 
         Raises `StoreFull` if the disk is full, `StoreError` if it fails, or has failed before.
         """
-        with self._writing, told(self.path):
+        with self._writing, _told(self.path, self._say_full):
             self._check()
             self._checkpoint()
             self._writer.execute("BEGIN IMMEDIATE")
@@ -97,7 +99,7 @@ class Database:
 
         Raises `StoreError`.
         """
-        with self._reading, told(self.path):
+        with self._reading, _told(self.path, self._say_full):
             self._reader.execute("BEGIN")
             try:
                 yield self._reader
@@ -107,7 +109,9 @@ class Database:
 
     def close(self) -> None:
         """Give the folder back. What was written is on the disk already."""
-        with self._writing, self._reading:
+        with ExitStack() as turns:
+            for turn in dict.fromkeys((self._writing, self._reading)):  # one, in memory
+                turns.enter_context(turn)
             self._held.close()
 
     def _commit(self) -> None:
@@ -133,7 +137,7 @@ class Database:
             self._writer.wal_checkpoint(mode=apsw.SQLITE_CHECKPOINT_PASSIVE)
             self._wal_pages = 0
         except (apsw.FullError, apsw.BusyError) as error:
-            _log.warning("%s: the write-ahead log stays long: %s", self.path, error)
+            self._say_long("%s: the write-ahead log stays long: %s", self.path, error)
         except apsw.Error as error:
             self._stop(error)
             raise
@@ -155,30 +159,45 @@ class Database:
 
 
 @contextmanager
-def told(path: str) -> Iterator[None]:
+def _told(path: str, say_full: Seldom) -> Iterator[None]:
     """Turn what SQLite says into `StoreError`. Clients are told of a full disk, but not of our paths."""
     try:
         yield
     except apsw.FullError as error:
-        _log.error("%s: %s", path, error)
+        say_full("%s: %s", path, error)
         raise StoreFull("the disk is full") from error
     except apsw.Error as error:
         raise StoreError(f"{path}: {error}", path=path) from error
 
 
-def _locked(folder: Path) -> int:
-    """Return the descriptor that holds the folder. It is closed on exec: no child keeps the folder from the next."""
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder, which is made if need be. It is given back on exec too: no child keeps it from the next.
+
+    Raises `StoreError` if another server has it, or if it cannot be used.
+    """
     try:
         _make_durable(folder)
         lock = os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise StoreError(f"{folder} cannot be used: {error}", folder=str(folder)) from error
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise StoreError(f"{folder} is in use: another server runs on it", folder=str(folder)) from error
+        yield
+    finally:
         os.close(lock)
-        raise StoreError(f"{folder} is in use: another server runs on it", folder=str(folder)) from error
-    return lock
+
+
+def sync(path: Path) -> None:
+    """Have on the disk what is in a file; of a folder, which files it has. Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _make_durable(folder: Path) -> None:
@@ -186,11 +205,7 @@ def _make_durable(folder: Path) -> None:
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for path in missing:
-        above = os.open(path.parent, os.O_RDONLY | os.O_CLOEXEC)
-        try:
-            os.fsync(above)
-        finally:
-            os.close(above)
+        sync(path.parent)
 
 
 def _reader(path: str) -> apsw.Connection:

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from typing import Final
 
 from chunkserver.errors import ChunkError, Overloaded, StoreError
-from chunkserver.store.log import EDIT_BYTES_MAX, Draft, Outcome
+from chunkserver.store.draft import EDIT_BYTES_MAX, Draft, Outcome
 
 DRAFTS_WAITING_MAX: Final = 10_000
 BYTES_WAITING_MAX: Final = 64 << 20
@@ -68,16 +68,21 @@ class Writer:
             self._thread.join()
 
     def _run(self) -> None:
-        while batch := self._next():
-            for (_, future), outcome in zip(batch, self._outcomes([draft for draft, _ in batch]), strict=True):
-                if isinstance(outcome, BaseException):
-                    future.set_exception(outcome)
-                else:
-                    future.set_result(outcome)
+        while self._write(self._next()):
+            pass
+
+    def _write(self, batch: list[_Waiting]) -> bool:
+        """Write one batch, and keep nothing of it. Return whether it has any drafts."""
+        for (_, future), outcome in zip(batch, self._outcomes([draft for draft, _ in batch]), strict=True):
+            if isinstance(outcome, BaseException):
+                future.set_exception(outcome)
+            else:
+                future.set_result(outcome)
+        return bool(batch)
 
     def _outcomes(self, drafts: list[Draft]) -> Sequence[Outcome | BaseException]:
         try:
-            return self._append(drafts)
+            return self._append(drafts) if drafts else []
         except BaseException as error:  # noqa: BLE001 - whoever waits is told, and the thread lives on
             return [error] * len(drafts)
 

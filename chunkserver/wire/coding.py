@@ -12,15 +12,11 @@ the smaller one, and costs as much as the whole chunk. That is paid once: a code
 """
 
 import struct
-import sys
 import zlib
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from chunkserver import zstd
 
 CODING_DEFAULT: Final = "identity"
 GZIP_LEVEL: Final = 1

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from benchmarks import load
-from benchmarks.load import Load, Request, offer, send
+from benchmarks.load import Load, Request, offer, send, send_for
 from tests.loadtest.stub import answer, answering, path
 
 OK = answer("200 OK", b"hello")
@@ -32,6 +32,21 @@ def test_a_tag_is_sent():
         done = send(server.url, [Request("/a", '"tag"')] * 2, connections=1)
     assert dict(done.statuses) == {"304": 2}
     assert all('\r\nIf-None-Match: "tag"\r\n' in request for request in server.requests)
+
+
+def test_a_body_makes_it_a_post():
+    with answering(OK) as server:
+        send(server.url, [Request("/a", body=b"{}")], connections=1)
+    assert server.requests[0].startswith("POST /a HTTP/1.1\r\n")
+    assert "Content-Type: application/json\r\nContent-Length: 2\r\n" in server.requests[0]
+
+
+def test_a_closed_loop_for_some_seconds_ends_with_its_answers():
+    with answering(OK) as server:
+        done = send_for(server.url, (Request(f"/{number}") for number in range(10**6)), connections=2, seconds=0.2)
+    assert 0 < done.answers == len(server.requests) < 10**6
+    assert server.open_most == 2
+    assert done.seconds < 5.0
 
 
 def test_a_request_without_an_answer_is_an_error():

@@ -28,6 +28,8 @@ SAYS = (
     r"\[\d+(, \d+){7}\]\n(ChunkKey\(lod=1, .*\) (air|rock|surface)\n){4}",
     r"bowl [0-9a-f]{32} \['bowl'\]\nworld-exists .* \{'id': 'bowl'\}\n422 radius\n",
     r"\d+ fetched, \d\d+ to draw\n" * 3,
+    r"(\d+ of 24 chunks are drawn anew\n)+1 1\n\[\(1, 3\)\]\n",
+    r"(dug by somebody else: sphere\n)?acknowledged as 1\n4 chunks, of revisions \[(0, )?1\]\n",
     r"\[1125899\d{9}\s+-?\d+\s+\d+\] \[[- .\de]+\]\n",
 )
 
@@ -45,6 +47,12 @@ def test_the_readme_names_every_call_and_error():
         assert f"`{name}`" in README or name == "close"
     for name in re.findall(r"^class (\w+)\(", (ROOT / "chunkserver_client/errors.py").read_text(), re.MULTILINE):
         assert f"`{name}`" in README
+
+
+def test_the_example_of_two_players(server):
+    found = said("-W", "error", str(ROOT / "examples/two_players.py"), "--url", server.url, "--seconds", "0.01")
+    player = r"(ann|bob): 20 edits of others, \d+ chunks fetched, known up to revision 40\n"
+    assert re.fullmatch(f"({player}){{2}}40 edits in the log\n", found), found
 
 
 @pytest.mark.parametrize(

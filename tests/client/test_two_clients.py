@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import chunkserver_client
-from chunkserver_client import AsyncClient, Client
+from chunkserver_client import AsyncClient, AsyncEditStream, Client, EditStream
 
 ROOT = Path(__file__).parents[2]
 WRITER = ROOT / "clients/python/write_async_client.py"
@@ -57,12 +57,22 @@ def test_the_async_client_is_what_the_rules_make_of_the_other():
 def test_both_clients_have_the_same_methods():
     names = {name for name in vars(Client) if not name.startswith("_")}
     assert names == {name for name in vars(AsyncClient) if not name.startswith("_")}
-    assert len(names) == 14
+    assert len(names) == 17
     for name in names:
         one, other = getattr(Client, name), getattr(AsyncClient, name)
         assert inspect.getdoc(one) == inspect.getdoc(other)
         assert list(inspect.signature(one).parameters) == list(inspect.signature(other).parameters)
-        assert inspect.iscoroutinefunction(other) or name == "chunks"
+        assert inspect.iscoroutinefunction(other) or name in ("chunks", "edits", "stream")
+
+
+def test_both_streams_have_the_same_methods():
+    names = {name for name in vars(EditStream) if not name.startswith("_")}
+    assert names == {name for name in vars(AsyncEditStream) if not name.startswith("_")} - {"submit"}
+    for name in names - {"edit", "close"}:
+        one, other = getattr(EditStream, name), getattr(AsyncEditStream, name)
+        assert inspect.getdoc(one) == inspect.getdoc(other)
+        if callable(one):
+            assert inspect.signature(one) == inspect.signature(other)
 
 
 def test_everything_that_is_exported_is_there_and_says_what_it_is():

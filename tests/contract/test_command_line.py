@@ -10,10 +10,13 @@ import typer.main
 
 from chunkserver.__main__ import app
 from chunkserver.commands.building import TRIANGLES_MAX
+from chunkserver.commands.edit import EDIT_BYTES_MAX
 from chunkserver.commands.inspect import FILE_BYTES_MAX
+from chunkserver.commands.log import SHOWN_DEFAULT, SHOWN_MAX
+from chunkserver.commands.log_file import LINE_BYTES_MAX
 from chunkserver.commands.welding import CHUNKS_MAX
 from chunkserver.recipe import RECIPE_DEFAULT
-from chunkserver.server import Settings
+from chunkserver.server import Settings, edits
 from chunkserver.server.sources import flag
 from tests.contract.test_operating import commands_of
 from tests.unit.commands.typed import refused, run
@@ -23,8 +26,9 @@ NAMED = set(re.findall(r"`([^`\n]+)`", PAGE))
 COMMANDS = commands_of(typer.main.get_command(app))
 SETTINGS = {flag(name) for name in Settings.model_fields} | {"--config"}
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+FILES = re.findall(r"^```json (\S+)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 LINES = [line for block in BLOCKS for line in block.splitlines()]
-OWN = {"mesh", "inspect", "recipe", "world"}
+OWN = {"mesh", "inspect", "recipe", "world", "edit", "log", "verify"}
 """Whose options are told here; those of the others are settings, or told in docs/operating.md."""
 
 
@@ -45,7 +49,7 @@ def members(title):
 
 def test_every_command():
     words = {words.removeprefix("chunkserver ") for words in COMMANDS}
-    assert len(words) == 15
+    assert len(words) == 22
     assert {name for name in words if {name, f"chunkserver {name}"} & NAMED} == words
     typed = {name for name in NAMED if name.startswith("chunkserver ") and "--" not in name}
     assert typed <= COMMANDS.keys(), "no command that is none"
@@ -74,6 +78,8 @@ def typed(tmp_path_factory):
     said = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("typed"))
+        for name, text in FILES:
+            Path(name).write_text(text)
         for line in LINES:
             program, *words = shlex.split(line)
             assert program == "chunkserver"
@@ -110,6 +116,31 @@ def test_every_member_of_recipes_and_worlds(typed):
     (shown,) = [said for line, said in typed.items() if "world show" in line]
     checked = json.loads(run("recipe", "check", "mine.json", "--json").stdout)
     assert {*json.loads(shown), *checked} <= NAMED
+
+
+def test_every_member_of_an_answer_to_an_edit(typed):
+    (answer,) = [json.loads(said) for line, said in typed.items() if "edit dug" in line and "--json" in line]
+    assert {*answer} <= NAMED
+    assert (answer["revision"], answer["duplicate"]) == ("1", True)
+    assert f"{EDIT_BYTES_MAX:,} bytes" in section("Edits")
+    assert EDIT_BYTES_MAX == edits.BODY_BYTES_MAX
+
+
+def test_every_member_of_a_log(typed):
+    (told,) = [json.loads(said) for line, said in typed.items() if "log show" in line and "--json" in line]
+    assert {*told, *told["edits"][0]} <= NAMED
+    assert f"the last {SHOWN_DEFAULT}" in section("The log of edits")
+    assert f"{SHOWN_MAX:,} at most" in section("The log of edits")
+
+
+def test_every_member_of_an_exported_log(typed):
+    page = (Path(__file__).parents[2] / "docs/edits/log-file.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_]+)`", page))
+    assert "chunkserver log export dug dug.ndjson --data worlds" in typed
+    first, *edits, last = [json.loads(line) for line in Path("dug.ndjson").read_text().splitlines()]
+    assert first["chunkserver_log"] == 1
+    assert {*first, *first["world"], *edits[0], *last, *last["end"]} <= named
+    assert f"{LINE_BYTES_MAX:,} bytes" in page
 
 
 def test_what_is_wrong_is_said_like_that(typed, tmp_path):

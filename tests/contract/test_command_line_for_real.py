@@ -33,11 +33,16 @@ FORMS = [
 ]
 
 
+DUG = {"strokes": [{"op": "carve", "shape": "sphere", "center": [48, 3, -2], "radius": 7}]}
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with one world, created by the command line."""
+    """A folder with one world, created and edited by the command line."""
     made = tmp_path_factory.mktemp("server") / "worlds"
     assert run("world", "create", "mine", "--seed", 7, "--recipe", "sphere", "--data", made).exit_code == 0
+    ended = run("edit", "mine", "-", "--key", "dig", "--data", made, piped=json.dumps(DUG))
+    assert ended.stdout == "mine: revision 1, 1 stroke\n"
     return made
 
 
@@ -93,6 +98,19 @@ def test_a_world_that_is_created_here_is_served(server, shown):
     assert {name: told[name] for name in both} == {name: shown[name] for name in both}
 
 
+def test_an_edit_that_is_made_here_is_served_and_known_by_its_key(server):
+    worlds = f"{server.url}/v1/worlds"
+    again = httpx2.post(f"{worlds}/mine/edits", json=DUG, headers={"Idempotency-Key": "dig"}).json()
+    assert (again["revision"], again["duplicate"]) == ("1", True)
+    httpx2.post(worlds, json={"id": "twin", "seed": "7", "recipe": "sphere"}).raise_for_status()
+    twin = httpx2.post(f"{worlds}/twin/edits", json=DUG).json()
+    assert again["stale"] == twin["stale"] != []
+    chunks = [httpx2.get(f"{worlds}/{name}/chunks/0/1/0/-1.mesh") for name in ("mine", "twin")]
+    assert chunks[0].headers["chunk-revision"] == "1"
+    assert chunks[0].content == chunks[1].content
+    assert chunks[0].content != httpx2.get(f"{server.url}/v1/seeds/7/chunks/0/1/0/-1.mesh?recipe=sphere").content
+
+
 def test_while_a_server_runs_http_is_the_way(server, folder):
     said = refused(1, "world", "list", "--data", folder)
     assert said.startswith(f"{folder} is in use: another server runs on it")
@@ -145,7 +163,23 @@ def test_a_pipe_that_nobody_reads_is_no_failure_to_talk_about():
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("chunkserver ", {"serve", "mesh", "inspect", "recipe", "world", "migrate", "config", "key", "warm"}),
+        (
+            "chunkserver ",
+            {
+                "serve",
+                "mesh",
+                "inspect",
+                "recipe",
+                "world",
+                "edit",
+                "log",
+                "verify",
+                "migrate",
+                "config",
+                "key",
+                "warm",
+            },
+        ),
         ("chunkserver world d", {"delete"}),
         ("chunkserver mesh a --recipe pl", {"plane", "planet"}),
         ("chunkserver recipe show floa", {"floating-islands"}),

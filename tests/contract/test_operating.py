@@ -5,8 +5,6 @@ import configparser
 import json
 import re
 import shlex
-import subprocess
-import sys
 import tomllib
 from contextlib import closing
 from pathlib import Path
@@ -53,9 +51,9 @@ def rows(heading):
     return [[cell.strip() for cell in row.split("|")] for row in table]
 
 
-def lines(first_word):
-    """The lines of shell that begin with this word."""
-    return [line for block in blocks("sh") for line in block.splitlines() if line.split()[0] == first_word]
+def lines(*first_words):
+    """The lines of shell that begin with one of these words."""
+    return [line for block in blocks("sh") for line in block.splitlines() if line.split()[0] in first_words]
 
 
 def default(field):
@@ -133,7 +131,7 @@ def commands_of(command, name="chunkserver"):
 
 def test_every_option_and_command():
     commands = commands_of(get_command(app))
-    for words in ("serve", "warm", "migrate", "config show", "key new"):
+    for words in ("serve", "warm", "migrate", "config show", "key new", "world backup", "world restore", "verify"):
         assert f"chunkserver {words}" in commands
         assert f"chunkserver {words}" in PAGE
     options = {option for found in commands.values() for parameter in found.params for option in parameter.opts}
@@ -224,41 +222,47 @@ def folder(tmp_path):
     return tmp_path / "worlds"
 
 
-def typed(line, folder, cwd):
-    """Return what a line of shell says, typed in `cwd`; our own command line runs in this process: that is faster."""
+def typed(line, folder):
+    """Return what a line of shell says; our own command line runs in this process: that is faster."""
     program, *words = shlex.split(line.replace(DATA, str(folder)))
-    if program == "chunkserver":
-        ended = CliRunner().invoke(app, words)
-        assert ended.exit_code == 0, (line, ended.output)
-        return ended.stdout
-    assert program == "python"
-    return subprocess.run([sys.executable, *words], cwd=cwd, capture_output=True, text=True, check=True).stdout
+    if program == "mv":
+        Path(words[0]).rename(words[1])
+        return ""
+    assert program == "chunkserver"
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, (line, ended.output)
+    return ended.stdout
+
+
+def epochs(folder):
+    with closing(Store(folder)) as kept:
+        return {world.id: world.epoch for world in kept.catalogue.page("", 9)}
 
 
 def test_what_is_typed_works(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(log_format, "install", lambda *_: None)
     monkeypatch.setattr(worker, "warm", lambda: Warmth("digest", 0, 0.0))
-    typed_lines = [line for line in lines("chunkserver") if " serve" not in line] + lines("python")
-    assert len(typed_lines) >= 6
+    typed_lines = [line for line in lines("chunkserver", "mv") if " serve" not in line]
+    assert len(typed_lines) >= 9
+    before = epochs(folder)
+    assert before.keys() == {"my-world", "other"}
     for line in typed_lines:
-        said = typed(line, folder, tmp_path)
-        assert said or line.startswith("python"), line
+        said = typed(f"{line} other" if " verify " in line else line, folder)  # not the one of another generator
+        assert said or line.startswith("mv "), line
         if " migrate " in line and "my-world" in line:
             assert "my-world: from generator 0123" in said
-    with closing(Store(tmp_path)) as empty:
-        assert len(empty.catalogue) == 0
-    (tmp_path / "backup.sqlite").rename(tmp_path / "worlds.sqlite")
-    for suffix in ("-wal", "-shm"):
-        (tmp_path / f"worlds.sqlite{suffix}").unlink(missing_ok=True)
-    with closing(Store(tmp_path)) as restored:
-        assert [world.id for world in restored.catalogue.page("", 9)] == ["my-world", "other"]
+    after = epochs(folder)
+    assert after.keys() == before.keys()
+    assert not {*after.values()} & {*before.values()}
+    assert epochs(tmp_path / "worlds-before") == before
 
 
 def test_what_is_served(folder, tmp_path):
     (line,) = [line for line in lines("chunkserver") if " serve" in line]
     options = shlex.split(line.replace(DATA, str(folder)))[2:]
     with serving(tmp_path / "log", *options, "--log-format", "json", "--workers", "1", "--port", "0") as server:
-        backup = typed(lines("python")[0], folder, tmp_path)
+        (backup,) = [line for line in lines("chunkserver") if " backup " in line]
+        assert typed(backup, folder)
         for asked in lines("curl"):
             url = asked.split()[-1].replace("http://127.0.0.1:8000", server.url)
             assert httpx2.get(url).status_code == 200
@@ -270,6 +274,6 @@ def test_what_is_served(folder, tmp_path):
                 assert f"# HELP {row.name.removesuffix('_total')}" in metrics
         for name in re.findall(r"`(process_[a-z_]+)`", PAGE):
             assert f"\n{name} " in metrics
-        assert not backup
+    assert (tmp_path / "worlds-backup.sqlite").stat().st_size > 0
     told = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     assert [line["status"] for line in told if line.get("request") == "mine"] == [422]

@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 
 from chunkserver.errors import StoreError, StoreFull
-from chunkserver.store import Draft, Store, sqlite
-from chunkserver.store.log import EDIT_BYTES_MAX
+from chunkserver.store import Draft, Store, foundation, sqlite, sweeping
+from chunkserver.store.draft import EDIT_BYTES_MAX
 from chunkserver.store.sqlite import FILE_NAME
 from chunkserver.world import World
 from tests.fault.disk import Disk
 from tests.fault.history import PLANE, History
 from tests.scale import TORTURE
 
-STEPS = 14
+STEPS = 16
 STRIDE = 1 if TORTURE else 13
 """Between two places where a write fails. Syncs are few: each of them fails in every run."""
 OPERATIONS_MAX = 2000
 SECONDS_MAX = 20.0
-SEED = 5
+SEED = 2
 """Of what is done: the same in every run, so that each has the operations of the one before."""
 
 
@@ -52,6 +52,8 @@ class Fails:
 @pytest.fixture(autouse=True)
 def often(monkeypatch):
     monkeypatch.setattr(sqlite, "CHECKPOINT_PAGES", 12)
+    for module in (foundation, sweeping):
+        monkeypatch.setattr(module, "STEP_ROWS_MAX", 2)
 
 
 @contextmanager
@@ -73,17 +75,19 @@ def opened(folder: Path, fault: Fails) -> Iterator[Store | None]:
 def used(store: Store) -> tuple[History, list[History], list[StoreError]]:
     """Do the steps. Return what was acknowledged; what it would be with each step that failed; and how they failed."""
     rng = np.random.default_rng(SEED)
-    history, failed, refusals = History(), [], []
+    now, failed, refusals = [History()], [], []
+
+    def may_be(histories: list[History]) -> None:
+        now[:] = histories
+
     for _ in range(STEPS):
-        action, after = history.step(rng)
         try:
-            action(store)
-            history = after
+            now[0].step(rng).take(store, may_be)
         except StoreError as error:
-            failed.append(after)
+            failed.append(now[-1])
             refusals.append(error)
-            assert history.fault_in(store) == "", "reads go on, and see nothing of it"
-    return history, failed, refusals
+            assert now[0].fault_in(store) == "", "reads go on, and see nothing of it"
+    return now[0], failed, refusals
 
 
 def every_place(
@@ -107,9 +111,9 @@ def restarted(folder: Path, possible: list[History]) -> None:
     with Disk(), closing(Store(folder)) as store:
         faults = [history.fault_in(store) or history.sent_again(store, rng) for history in possible]
         assert "" in faults, faults
-        action, after = possible[faults.index("")].step(rng)
-        action(store)
-        assert not after.fault_in(store)
+        step = possible[faults.index("")].step(rng)
+        step.take(store)
+        assert not step.stages[-1].fault_in(store)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +168,7 @@ def test_a_disk_that_fails_while_somebody_reads(tmp_path):
             connection.create_scalar_function("linger", linger)
             return bool(connection.execute("SELECT linger()").get)
 
-    action, _ = History().step(np.random.default_rng(SEED))
+    step = History().step(np.random.default_rng(SEED))
     with Disk(Fails(1, ("sync",), apsw.IOError, apsw.SQLITE_IOERR_FSYNC)) as disk:
         fault, disk.fault = disk.fault, lambda *_: None
         with closing(Store(tmp_path)) as store, ThreadPoolExecutor(1) as threads:
@@ -174,7 +178,7 @@ def test_a_disk_that_fails_while_somebody_reads(tmp_path):
                 disk.fault = fault
                 for said in ("a sync that fails", "until a restart.*a sync that fails"):
                     with pytest.raises(StoreError, match=said):
-                        action(store)
+                        step.take(store)
             finally:
                 over.set()
             assert lingering.result(SECONDS_MAX)
@@ -224,15 +228,17 @@ def test_a_full_disk_refuses_and_goes_on_when_there_is_room(tmp_path, times, cap
 
 def until_refused(store: Store, rng: np.random.Generator) -> tuple[History, str]:
     """Take steps until one is refused. Return what was acknowledged, and why the next was not."""
-    history = History()
+    now = [History()]
+
+    def may_be(histories: list[History]) -> None:
+        now[:] = histories
+
     for _ in range(STEPS):
-        action, after = history.step(rng)
         try:
-            action(store)
+            now[0].step(rng).take(store, may_be)
         except StoreError as error:
-            return history, error.message
-        history = after
-    return history, ""
+            return now[0], error.message
+    return now[0], ""
 
 
 def test_an_error_while_the_log_is_copied_into_the_file_stops_it_too(tmp_path):
@@ -252,6 +258,6 @@ def test_an_error_while_the_log_is_copied_into_the_file_stops_it_too(tmp_path):
         assert "a sync that fails" in refusal
         armed = False
         with pytest.raises(StoreError, match="until a restart"):
-            history.step(rng)[0](store)
+            history.step(rng).take(store)
         assert history.fault_in(store) == ""
     restarted(tmp_path, [history])

@@ -11,7 +11,7 @@ import apsw
 import numpy as np
 import pytest
 
-from chunkserver.store import Draft, Store, sqlite
+from chunkserver.store import Draft, Store, foundation, sqlite, sweeping
 from chunkserver.world import World
 from tests.fault.disk import Content, Disk, Image
 from tests.fault.history import PLANE, History
@@ -31,8 +31,10 @@ class LostError(AssertionError):
 
 @pytest.fixture(autouse=True)
 def often(monkeypatch):
-    """The write-ahead log is short, so that it is copied into the file within a short life."""
+    """The write-ahead log is short, so that it is copied into the file within a short life. So are steps."""
     monkeypatch.setattr(sqlite, "CHECKPOINT_PAGES", 12)
+    for module in (foundation, sweeping):
+        monkeypatch.setattr(module, "STEP_ROWS_MAX", 2)
 
 
 def lives(folder: Path, rng: np.random.Generator, crashes: int) -> None:
@@ -60,6 +62,10 @@ def life(folder: Path, image: Image, possible: list[History], rng: np.random.Gen
         if left == 0:
             lost.append((end(), possible))
 
+    def may_be(histories: list[History]) -> None:
+        nonlocal possible
+        possible = histories
+
     def end() -> Image:
         return disk.after_kill() if rng.random() < KILLED else disk.after_power_loss(rng)
 
@@ -72,10 +78,7 @@ def life(folder: Path, image: Image, possible: list[History], rng: np.random.Gen
             for _ in range(STEPS_MAX):
                 if lost:
                     break
-                action, after = possible[0].step(rng)
-                possible = [possible[0], after]
-                action(store)
-                possible = possible if lost else [after]
+                possible[0].step(rng).take(store, may_be)
         if not lost:
             lost.append((end(), possible))
     shutil.rmtree(folder)

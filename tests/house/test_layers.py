@@ -10,11 +10,11 @@ from tests.house.checkout import functions, holds, module, nothing, texts
 PACKAGE = "chunkserver"
 
 LINES = (
-    ("errors", "kernel"),
+    ("errors", "kernel", "zstd"),
     ("grid", "memory"),
     ("recipe", "mesh", "samples"),
     ("world",),
-    ("field", "edits", "mesher", "wire", "store"),
+    ("field", "edits", "mesher", "wire", "store", "stream"),
     ("geometric_error",),
     ("pipeline",),
     ("worker",),
@@ -33,7 +33,7 @@ ONLY_IN = {
     **dict.fromkeys(("numba", "llvmlite"), ("kernel",)),
     "apsw": ("store",),
     **dict.fromkeys(("lmdb", "prometheus_client", "pydantic_settings"), ("server",)),
-    **dict.fromkeys(("backports", "compression"), ("wire",)),
+    **dict.fromkeys(("backports", "compression"), ("zstd",)),
     **dict.fromkeys(("rich", "trimesh"), ("commands",)),
     "importlib": ("commands",),
 }

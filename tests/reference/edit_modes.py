@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from chunkserver.edits import Edit
-from chunkserver.edits.pyramid import _halve
+from chunkserver.edits.pyramid import halve
 from chunkserver.edits.reading import apply
 from tests.reference.modes import bounds_are_checked
 from tests.strokes import OPS, SHAPES, delta_of, no_bricks, op_of, shape_of
@@ -50,7 +50,7 @@ if __name__ == "__main__":
     # Plain NumPy numbers say so when a product of uint64 wraps, as it is meant to.
     warnings.filterwarnings("ignore", "overflow encountered", RuntimeWarning)
     report = {
-        "compiled": isinstance(_halve, numba.core.registry.CPUDispatcher),
+        "compiled": isinstance(halve, numba.core.registry.CPUDispatcher),
         "bounds_checked": bounds_are_checked(),
         "digest": edits_digest(),
     }

@@ -107,7 +107,7 @@ def test_a_change_of_any_file_shows_but_in_the_service(tmp_path):
         if kernel.sources_digest(copy) == before:
             unseen.add(path.relative_to(copy).as_posix())
         path.write_bytes(source)
-    rooms = ("server", "store", "commands", "wire/reading")
+    rooms = ("server", "store", "stream", "commands", "wire/reading")
     service = {path.relative_to(copy).as_posix() for room in rooms for path in (copy / room).rglob("*.py")}
     assert unseen == {"__init__.py", "__main__.py", "errors.py", "memory.py", "worker.py", "world.py", *service}
 

@@ -41,7 +41,7 @@ def test_every_option_and_argument_has_help():
     commands = [command for name, command in COMMANDS.items() if name not in GROUPS]
     commands += [command for group in GROUPS.values() for command in group.commands.values()]
     silent = [parameter.name for command in commands for parameter in command.params if not parameter.help]
-    assert len(commands) == 15
+    assert len(commands) == 22
     assert silent == []
 
 

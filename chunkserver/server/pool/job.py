@@ -53,8 +53,8 @@ class Job:
 
     begun: to be called when a worker gets it.
     asked, deadline: seconds of the monotonic clock.
-    bricks: that the chunk's deltas are read from, if it was edited; kept with the job, so that they stay where they are
-        until a worker has read them.
+    bricks: that the chunk's deltas are read from, if it was edited.
+    deltas: what was read of them; kept with the job, so that they stay where they are until a worker has read them too.
     losses: counts the workers that were lost with it.
     """
 
@@ -65,6 +65,7 @@ class Job:
     deadline: float
     answer: asyncio.Future[Chunk]
     bricks: Bricks | None = None
+    deltas: Deltas | None = None
     losses: int = 0
 
     @classmethod
@@ -81,10 +82,14 @@ class Job:
         return cls(request, rank, begun, now, now + seconds, asyncio.get_running_loop().create_future(), bricks)
 
     def frame(self) -> bytes:
-        """Return what a worker is sent. Raises `WireError` if the request is too large for a frame."""
-        return pack((self.request, self.deadline, self._deltas()), FRAME_BYTES_MAX)
+        """Return what a worker is sent.
 
-    def _deltas(self) -> Deltas | None:
+        Raises `WireError` if the request is too large for a frame, `StoreFull` if there is no room for its bricks.
+        """
+        self.deltas = self._read()
+        return pack((self.request, self.deadline, self.deltas), FRAME_BYTES_MAX)
+
+    def _read(self) -> Deltas | None:
         if self.bricks is None:
             return None
         request = self.request

@@ -22,7 +22,7 @@ from functools import partial
 from typing import Final
 
 from chunkserver.edits import Bricks
-from chunkserver.errors import DeadlinePassed, Overloaded, Unavailable, WireError, WorkerLost
+from chunkserver.errors import ChunkError, DeadlinePassed, Overloaded, Unavailable, WorkerLost
 from chunkserver.memory import NO_ARENA, arena_memory, mapped
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.pool.job import URGENCY_DEFAULT, Job, rank
@@ -176,7 +176,7 @@ class Pool:
         while self._idle and (job := self._waiting.take(now)) is not None:
             try:
                 self._idle[-1].give(job, now)
-            except WireError as error:
+            except ChunkError as error:
                 job.settle(error)
                 continue
             self._idle.pop()

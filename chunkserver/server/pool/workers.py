@@ -113,7 +113,7 @@ class Worker(_Pipe):
         self._given = 0.0
 
     def give(self, job: Job, now: float) -> None:
-        """Send `job` to this idle worker. Raises `WireError`, and stays idle, if the request is too large."""
+        """Send `job` to this idle worker. Raises what `Job.frame` does, and stays idle."""
         self._send(job.frame())
         self._state, self.job, self._given = _State.BUSY, job, now
 

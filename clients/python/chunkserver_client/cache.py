@@ -94,6 +94,12 @@ class AnswerCache:
         with self._lock:
             self._remove(_name(request))
 
+    def drop_where(self, is_old: Callable[[str, Answer], bool]) -> None:
+        """Forget the answers for which `is_old`, given their URL and themselves, is true."""
+        with self._lock:
+            for name in [name for name, entry in self._entries.items() if is_old(name.url, entry.answer)]:
+                self._remove(name)
+
     def _remove(self, name: Name) -> None:
         removed = self._entries.pop(name, None)
         if removed is not None:

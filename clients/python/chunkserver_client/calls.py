@@ -1,11 +1,11 @@
 """Every call of the two clients, once, as generators of steps: see steps.py. `client.py` says what each does."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from chunkserver_client.answers import head_of_chunk, mesh_of
+from chunkserver_client.answers import head_of_chunk, mesh_of, number_of
 from chunkserver_client.batch import CHUNKS_MAX, Batch
 from chunkserver_client.coding import Coding
 from chunkserver_client.descriptors import (
@@ -17,28 +17,32 @@ from chunkserver_client.descriptors import (
     read_seed,
     read_world,
 )
+from chunkserver_client.edits import ChunkRange, Stroke, WrittenEdit, is_stale, read_log, read_written
 from chunkserver_client.errors import BadAnswer, Unavailable, Unreachable
 from chunkserver_client.exchange import Exchange, checked, json_of
 from chunkserver_client.json_tree import Json
-from chunkserver_client.mesh import ChunkMesh
+from chunkserver_client.mesh import REVISION_MAX, ChunkMesh
 from chunkserver_client.questions import (
     AnyWorld,
     ChunkOptions,
     Key,
     MaskedKey,
     RecipeTree,
+    chunk_asked,
     chunk_key,
     chunk_request,
+    edit_request,
     fitted,
     got,
     posted,
 )
 from chunkserver_client.retry import Retry
-from chunkserver_client.steps import Answer, Request, Steps, Value
+from chunkserver_client.steps import Answer, Deliver, Request, Steps, Value
 
 WORLDS_PER_PAGE: Final = 1000
 PAGES_MAX: Final = 1000
 """Of the list of worlds: a million. A server that goes on for ever is not believed."""
+EDITS_PER_PAGE: Final = 1000
 READY_ATTEMPTS_MAX: Final = 1 << 20
 READY_POLL_SECONDS_MAX: Final = 1.0
 
@@ -112,6 +116,23 @@ class Calls:
             part = asked[start : start + CHUNKS_MAX]
             yield from Batch(self.exchange, world, part, options, viewer, self.coding).steps()
 
+    def edit(self, world: WorldDescriptor, strokes: Iterable[Stroke], key: str | None) -> Steps[WrittenEdit]:
+        written = yield from self._json(edit_request(world, strokes, key), read_written)
+        self.outdate(world, written.stale, written.revision)
+        return written
+
+    def edits(self, world: WorldDescriptor, after: int, limit: int | None) -> Steps[None]:
+        last = REVISION_MAX if limit is None else after + limit
+        while after < last:
+            query = {"after": str(after), "limit": str(min(EDITS_PER_PAGE, last - after))}
+            request = got("v1", "worlds", world.id, "edits", query=query)
+            edits, revision = yield from self._json(request, partial(read_log, after=after))
+            for edit in edits:
+                self.outdate(world, edit.stale, edit.revision)
+                yield Deliver(edit)
+            after += len(edits)
+            last = min(last, revision)
+
     def is_ready(self) -> Steps[bool]:
         try:
             yield from self.exchange.ask(got("readyz"), _nothing, Retry(attempts_max=1))
@@ -127,6 +148,17 @@ class Calls:
 
     def _json(self, request: Request, read: Callable[[Json], Value], *statuses: int) -> Steps[Value]:
         return self.exchange.ask(request, lambda answer: read(json_of(checked(answer, *(statuses or (200,))))))
+
+    def outdate(self, world: WorldDescriptor, stale: Collection[ChunkRange] | None, revision: int) -> None:
+        """Forget the chunks that are older than what may have changed them. stale: which; None is all."""
+
+        def is_old(url: str, answer: Answer) -> bool:
+            key = chunk_asked(world, url)
+            older = key is not None and number_of(answer.headers, "chunk-revision") < revision
+            return older and key is not None and (stale is None or is_stale(key, stale))
+
+        if stale is None or stale:
+            self.exchange.cache.drop_where(is_old)
 
 
 def _nothing(answer: Answer, status: int = 200) -> None:

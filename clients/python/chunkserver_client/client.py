@@ -3,19 +3,23 @@
 import ssl
 from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
-from typing import Self, Unpack
+from typing import Any, Self, Unpack
 
 import httpx2
 
+from chunkserver_client.blocking_stream import EditStream
 from chunkserver_client.calls import Calls
 from chunkserver_client.coding import Coding
 from chunkserver_client.descriptors import ChunkHead, ListedWorld, Recipe, SeedDescriptor, WorldDescriptor
 from chunkserver_client.driving import BlockingCall, Returned
+from chunkserver_client.edit_stream import Address
+from chunkserver_client.edits import LoggedEdit, Stroke, WrittenEdit
 from chunkserver_client.mesh import ChunkMesh
 from chunkserver_client.questions import AnyWorld, ChunkOptions, Key, MaskedKey, RecipeTree
 from chunkserver_client.retry import Retry
 from chunkserver_client.settings import CACHE_BYTES, READY_SECONDS, TIMEOUT, calls_of, headers_of, tls_of
 from chunkserver_client.steps import Steps, Value
+from chunkserver_client.stream import Region
 
 
 class Client:
@@ -49,9 +53,11 @@ class Client:
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         self._calls: Calls = calls_of(retry, cache_bytes, coding, timeout)
+        headers = headers_of(api_key, coding)
+        self._address = Address(url, headers, tls)
         self._http = httpx2.Client(
             base_url=url,
-            headers=headers_of(api_key, coding),
+            headers=headers,
             timeout=timeout,
             verify=tls_of(url, tls),
             transport=transport,
@@ -167,6 +173,41 @@ class Client:
         """
         return self._iterate(self._calls.chunks(world, keys, viewer, options))
 
+    def edit(self, world: WorldDescriptor, strokes: Iterable[Stroke], *, key: str | None = None) -> WrittenEdit:
+        """Change a world, and return when that is durable: every chunk that is asked for from then on has it.
+
+        strokes: applied in their order, as one: docs/edits/strokes.md has their ops, shapes and limits.
+        key: another name of this edit, unique in its world, 1 to 128 visible ASCII characters: who sends the edit again
+            with the same key, today or after a crash, gets the first answer, and nothing is written twice. One is made
+            up if none is given; that makes this call's own attempts safe, and is forgotten with it.
+
+        What the edit made stale is dropped from the cache. Raises `BadRequest`, whose `values` have the `path` to the
+        bad stroke: then nothing is written; after `Unreachable` and `Unavailable` it may be.
+        """
+        return self._run(self._calls.edit(world, strokes, key))
+
+    def edits(self, world: WorldDescriptor, after: int = 0, limit: int | None = None) -> Iterator[LoggedEdit]:
+        """Yield the edits of a world behind revision `after`, in their order, up to the last one there is.
+
+        limit: at most so many.
+
+        They are asked for a part at a time. What they made stale is dropped from the cache. Raises `BadRequest`, whose
+        `values` have the `floor`, if edits so old are not kept one by one any more.
+        """
+        return self._iterate(self._calls.edits(world, after, limit))
+
+    def stream(self, world: WorldDescriptor, name: str, *, regions: Iterable[Region] | None = None) -> EditStream:
+        """Return the stream of a world's edits, others' as they come. It connects when it is entered.
+
+        name: who this is: 1 to 128 visible ASCII characters. A later stream of the same name in the same world ends
+            this one.
+        regions: where to look, up to 64; everywhere if none are given. Own edits may be anywhere.
+
+        It connects again by itself, goes on where it was, and sends the edits again that were not answered. What it is
+        told of is dropped from the cache. It has its own connection: `transport` is not for it.
+        """
+        return EditStream(self._address, self._calls, world, name, regions)
+
     def is_ready(self) -> bool:
         """Return whether the server answers, and can build chunks by now."""
         return self._run(self._calls.is_ready())
@@ -182,7 +223,7 @@ class Client:
         finally:
             call.close()
 
-    def _iterate(self, steps: Steps[None]) -> Iterator[ChunkMesh]:
+    def _iterate(self, steps: Steps[None]) -> Iterator[Any]:
         call = BlockingCall(self._http, steps)
         try:
             while not isinstance(step := call.advance(), Returned):

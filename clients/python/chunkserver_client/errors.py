@@ -4,6 +4,8 @@ ClientError
 |-- BadAnswer            what came is not what docs/wire and docs/api.md say
 |   `-- BadChunk         bytes that are no chunk: truncated, mutated, of another version
 |-- Unreachable          no whole answer came, however often it was asked for
+|-- StreamEnded          a stream of edits is over, and why
+|-- EditLost             nobody answers this edit of a stream any more
 `-- Problem              the server says no, and why
     |-- BadRequest       400, 413, 415, 422: asked for in the wrong way
     |-- NotAllowed       401, 403: an API key is missing, unknown, or too weak
@@ -17,6 +19,18 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 PROBLEM_PREFIX: Final = "urn:chunkserver:problem:"
+
+_ENDS: Final = {
+    1009: "a frame was too large",
+    1011: "this side has failed",
+    4400: "a message was malformed",
+    4401: "the API key is missing, unknown, or not good any more",
+    4403: "this may not be done from here, or with this API key",
+    4404: "the world is gone",
+    4409: "another connection of the same name has come, or another generator has created the world",
+    4412: "a message came out of order",
+    4422: "the server does not speak this version of the protocol",
+}
 
 
 class ClientError(Exception):
@@ -33,6 +47,38 @@ class BadChunk(BadAnswer):
 
 class Unreachable(ClientError):
     """No whole answer came. `__cause__` is the last error of the connection."""
+
+
+class StreamEnded(ClientError):
+    """A stream of edits is over, and another connection would end in the same way.
+
+    code: as docs/wire/edit_v1.md has it; 4000 + the status if the server did not take the connection at all: then
+        `__cause__` is the `Problem`.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"the stream has ended with {code}: {_ENDS.get(code, 'this side has closed it')}")
+        self.code = code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it by its code."""
+        return type(self), (self.code,)
+
+
+class EditLost(ClientError):
+    """Nobody answers this edit any more: the stream has ended, or the world has begun anew. It may be written or not.
+
+    seq: of the edit.
+    """
+
+    def __init__(self, seq: int, why: str) -> None:
+        super().__init__(f"edit {seq} was not answered: {why}")
+        self.seq = seq
+        self.why = why
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle it by what it was made of."""
+        return type(self), (self.seq, self.why)
 
 
 class Problem(ClientError):

@@ -2,14 +2,19 @@
 
 import json
 import operator
+import re
+import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple, TypedDict
 from urllib.parse import quote, urlencode
+
+import numpy as np
 
 from chunkserver_client import frames
 from chunkserver_client.coding import Coding
 from chunkserver_client.decoding import GLB_MEDIA_TYPE, MESH_MEDIA_TYPE
 from chunkserver_client.descriptors import SeedDescriptor, WorldDescriptor
+from chunkserver_client.edits import Stroke
 from chunkserver_client.mesh import ChunkKey, Profile
 from chunkserver_client.steps import Request
 
@@ -23,7 +28,11 @@ RecipeTree = Mapping[str, Any] | float
 """An expression tree, a number, or a built-in recipe with parameters: `{"builtin": "planet", "radius": 500}`."""
 
 JSON: Final = "application/json"
+KEY_BYTES: Final = 16
+"""Of an edit's key that nobody has chosen."""
 MEDIA_TYPES: Final[dict[Format, str]] = {"mesh": MESH_MEDIA_TYPE, "glb": GLB_MEDIA_TYPE}
+
+_EDIT_KEY: Final = re.compile("[!-~]{1,128}")
 
 
 class ChunkOptions(TypedDict, total=False):
@@ -104,9 +113,26 @@ def batch_request(
     return posted(path, body, {"accept": frames.MEDIA_TYPE, "accept-encoding": "identity", **_priority(options)})
 
 
+def chunk_asked(world: AnyWorld, url: str) -> ChunkKey | None:
+    """Return which chunk of a world is asked for by a URL that `chunk_request` has made; None for any other URL."""
+    head = f"{world.path}/chunks/"
+    if not url.startswith(head):
+        return None
+    lod, x, y, z = map(int, url.removeprefix(head).partition(".")[0].split("/"))
+    return ChunkKey(lod, x, y, z)
+
+
+def edit_request(world: WorldDescriptor, strokes: Iterable[Stroke], key: str | None) -> Request:
+    """Return the request for an edit. Without a key it gets one, so it can be sent again. Raises `ValueError`."""
+    name = secrets.token_hex(KEY_BYTES) if key is None else key
+    if not _EDIT_KEY.fullmatch(name):
+        raise ValueError(f"key is {name!r}: an edit's key has 1 to 128 visible ASCII characters")
+    return posted(f"{world.path}/edits", {"strokes": list(strokes)}, {"idempotency-key": name})
+
+
 def posted(url: str, body: Any, headers: Mapping[str, str] | None = None) -> Request:
-    """Return a POST of JSON. Raises `ValueError` for NaN or infinity in it."""
-    text = json.dumps(body, allow_nan=False, separators=(",", ":")).encode()
+    """Return a POST of JSON; numpy's numbers are fine. Raises `ValueError` for NaN or infinity in it."""
+    text = json.dumps(body, allow_nan=False, separators=(",", ":"), default=plain).encode()
     return Request("POST", url, {"accept": JSON, "content-type": JSON, **(headers or {})}, text)
 
 
@@ -132,6 +158,13 @@ def _query(world: AnyWorld, options: ChunkOptions) -> str:
         if name in options and (name, options[name]) != ("coarser", 0):  # one URL for a chunk without a mask
             query[name] = options[name]
     return f"?{urlencode(query)}" if query else ""
+
+
+def plain(value: object) -> Any:
+    """Return Python's numbers for numpy's."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is no value of JSON: {value!r}")
 
 
 def _priority(options: ChunkOptions) -> dict[str, str]:

@@ -1,9 +1,10 @@
 """What to draw while chunks are still on their way: docs/level-of-detail.md, "While chunks load"."""
 
-from collections.abc import Iterator, Set
+from collections.abc import Collection, Iterator, Set
 from itertools import product
 from typing import NamedTuple
 
+from chunkserver_client.edits import ChunkRange, is_stale
 from chunkserver_client.layers import FittedChunk
 from chunkserver_client.mesh import ChunkKey
 
@@ -28,6 +29,17 @@ def swaps(drawn: Set[FittedChunk], wanted: Set[FittedChunk]) -> list[Swap]:
         chunks = frozenset(chunk for key in group for chunk in changed[key])
         found.append(Swap(chunks & drawn, chunks & wanted))
     return found
+
+
+def redraws(drawn: Set[FittedChunk], stale: Collection[ChunkRange]) -> list[frozenset[FittedChunk]]:
+    """Return which of the chunks that are drawn an edit may have changed, in groups that do not touch each other.
+
+    drawn: a selection. stale: of the edit.
+
+    Fetch a group with `min_revision`, and draw all of it anew at once: then borders fit at all times.
+    """
+    changed = {chunk.key: chunk for chunk in drawn if is_stale(chunk.key, stale)}
+    return [frozenset(changed[key] for key in group) for group in _groups(changed.keys())]
 
 
 def _groups(keys: Set[ChunkKey]) -> list[list[ChunkKey]]:

@@ -1,5 +1,6 @@
 """Meshes in files: closed, exact, and nothing there if it failed."""
 
+import io
 import json
 import math
 import os
@@ -266,13 +267,14 @@ def test_too_many_triangles_end_it_and_leave_what_was_there(tmp_path, ball_json,
 
 
 def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
-    def full(path, body):
-        path.write_bytes(body[:10])
-        raise OSError(28, "No space left on device")
+    class Full(io.FileIO):
+        def write(self, body):
+            super().write(body[:10])
+            raise OSError(28, "No space left on device")
 
     file = tmp_path / "a.glb"
     file.write_bytes(b"before")
-    monkeypatch.setattr("chunkserver.commands.files._fill", full)
+    monkeypatch.setattr("chunkserver.commands.files._new", lambda path: Full(path, "x"))
     assert refused(1, "mesh", file, "--chunk", 0, 0, 0).endswith("cannot be written: No space left on device")
     assert file.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [file]

@@ -2,15 +2,16 @@
 
 import base64
 import gc
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from chunkserver.edits import Bricks, Edit
-from chunkserver.edits.arena import Arena
+from chunkserver.edits import Bricks, Edit, draft, runs
+from chunkserver.edits.arena import Arena, Brick
 from chunkserver.edits.boxes import Box
-from chunkserver.edits.pyramid import halve
+from chunkserver.edits.pyramid import bricks_met, halve
 from chunkserver.errors import StoreFull
 from tests.reference import strokes_twin as twin
 from tests.strokes import delta_of, dense, no_bricks, random_stroke, small_arena
@@ -24,8 +25,8 @@ def flat(box: Box):
     return np.ascontiguousarray(np.broadcast_to(rows[:, None, None], box.shape))
 
 
-def contents(bricks: Bricks) -> dict[tuple[int, ...], tuple[bytes, int, int, int]]:
-    return {key: (brick.deltas.tobytes(), brick.low, brick.high, brick.revision) for key, brick in bricks}
+def contents(bricks: Bricks) -> dict[tuple[int, ...], tuple[bytes, int, int]]:
+    return {key: (brick.deltas.tobytes(), brick.low, brick.high) for key, brick in bricks}
 
 
 def ball(op: str, x: float, y: float = 0.0, **more: float) -> Edit:
@@ -52,28 +53,49 @@ def assert_filtered(bricks: Bricks) -> None:
         places = np.array([key[1:] for key in below])
         low, high = (places.min(axis=0) // 2 - 1) * 16, (places.max(axis=0) // 2 + 1) * 16 + 15
         box = Box(tuple(low.tolist()), tuple(high.tolist()))
-        wanted = halve(dense(bricks, lod - 1, box.finer()))
+        wanted = twin.filtered(dense(bricks, lod - 1, box.finer()))
         assert np.array_equal(dense(bricks, lod, box), wanted)
         assert sum(int((brick.deltas != 0).sum()) for key, brick in bricks if key[0] == lod) == (wanted != 0).sum()
 
 
 def test_the_filter_is_the_twin_s(rng):
     fine = rng.integers(-(1 << 30), (1 << 30) + 1, (9, 7, 11)).astype(np.int32)
-    coarse = halve(fine)
+    halve(fine.reshape(-1), 7, 11, np.empty(11, np.int64), (coarse := np.empty((4, 3, 5), np.int32)).reshape(-1))
+    assert np.array_equal(twin.filtered(fine), coarse)
     for (y, z, x), found in np.ndenumerate(coarse):
         wanted = twin.halved(lambda p: int(fine[p[1] + 1, p[2] + 1, p[0] + 1]), (x, y, z))
         assert found == wanted
 
 
-def test_a_batch_is_its_edits_one_by_one(rng):
-    edits = [Edit.of([random_stroke(rng, tuple(rng.uniform(-15, 15, 3)), 4.0)]) for _ in range(12)]
+@pytest.mark.parametrize("at_once_max", [1, 1 << 12])
+def test_a_batch_is_its_edits_one_by_one(at_once_max, rng, monkeypatch):
+    """at_once_max: how much is worked out by one call, lattice points of strokes and boxes of coarser levels."""
+    monkeypatch.setattr(runs, "RUN_POINTS", at_once_max)
+    monkeypatch.setattr(draft, "BOXES_AT_ONCE", at_once_max)
+    edits = [Edit.of([random_stroke(rng, tuple(rng.uniform(-15, 15, 3)), 4.0)]) for _ in range(24)]
     one_by_one = no_bricks(lods=5)
     for revision, edit in enumerate(edits, start=1):
         one_by_one = one_by_one.apply([edit], revision, flat)
-    at_once = no_bricks(lods=5).apply(edits, 12, flat)
-    assert at_once.revision == one_by_one.revision == 12
-    deltas = [{key: found[:3] for key, found in contents(bricks).items()} for bricks in (at_once, one_by_one)]
-    assert deltas[0] == deltas[1]
+    at_once = no_bricks(lods=5).apply(edits, 24, flat)
+    assert at_once.revision == one_by_one.revision == 24
+    assert contents(at_once) == contents(one_by_one)
+
+
+def test_all_bricks_that_are_made_were_foreseen(rng, monkeypatch):
+    """Room is kept for those of `bricks_met`, and for no other one."""
+    made: list[Brick] = []
+    fresh = Brick.fresh
+
+    def counted(arena: Arena, like: Brick | None = None) -> Brick:
+        made.append(fresh(arena, like))
+        return made[-1]
+
+    monkeypatch.setattr(Brick, "fresh", counted)
+    for _ in range(20):
+        made.clear()
+        edit = Edit.of([random_stroke(rng, tuple(rng.uniform(-30, 30, 3)), 4.0) for _ in range(6)])
+        no_bricks(lods=6).apply([edit], 1, flat)
+        assert 0 < len(made) <= len(bricks_met(edit.brushes.with_points(), np.arange(6)).keys)
 
 
 def test_add_strokes_in_any_order(rng):
@@ -97,29 +119,14 @@ def test_bricks_never_change(rng):
         kept.append(contents(history[-1]))
     assert [contents(bricks) for bricks in history] == kept
     for older, newer in pairwise(history):
-        for key, brick in newer:
-            if brick.revision != newer.revision:
-                assert older.get(key) is brick
+        there = {key for bricks in (older, newer) for key, _ in bricks}
+        assert {key for key in there if older.get(key) is not newer.get(key)} == newer.changed
 
 
-def test_what_was_kept_is_restored(rng):
-    """Also in another arena, and goes on from there."""
-    edits = [Edit.of([random_stroke(rng, tuple(rng.uniform(-20, 20, 3)), 4.0)]) for _ in range(6)]
-    bricks = no_bricks(lods=5)
-    for revision, edit in enumerate(edits[:5], start=1):
-        bricks = bricks.apply([edit], revision, flat)
-    kept = [(key, brick.revision, np.frombuffer(brick.deltas.tobytes(), np.int32)) for key, brick in bricks]
-    restored = Bricks.restored(kept, 5, 5, small_arena())
-    assert restored.revision == 5
-    assert contents(restored) == contents(bricks)
-    assert contents(restored.apply([edits[5]], 6, flat)) == contents(bricks.apply([edits[5]], 6, flat))
-
-
-def test_a_brick_has_the_revision_that_changed_it_and_its_bounds():
+def test_a_brick_knows_its_bounds():
     first = no_bricks().apply([ball("carve", 0.0)], 1, flat)
     second = first.apply([ball("carve", 0.0), ball("carve", 900.0)], 2, flat)
-    for key, brick in second:
-        assert brick.revision == (1 if first.get(key) else 2) or key[0] > 4
+    for _, brick in second:
         assert brick.low == brick.deltas.min()
         assert brick.high == brick.deltas.max()
 
@@ -154,6 +161,63 @@ def test_slots_are_used_again():
     assert bricks.arena.taken == len(list(bricks))
 
 
+def test_bricks_are_packed_when_others_want_their_slots():
+    """Any number of edits in an arena for a few of them; what is read stays where it is for as long as it is kept."""
+    small, large = no_bricks(slots=110), no_bricks()
+    for revision in range(1, 20):
+        edit = ball("carve", 100.0 * revision)
+        small, large = small.apply([edit], revision, flat), large.apply([edit], revision, flat)
+        reading = small.read(0, (100 * revision - 8, -8, -8), (16, 16, 16))
+        slots = reading.slots[reading.slots >= 0]
+        assert slots.size
+        found = small.arena.deltas[slots].tobytes()
+        for x in range(0, 100 * revision, 100):
+            small.read(0, (x - 8, -8, -8), (16, 16, 16))
+        assert small.arena.deltas[slots].tobytes() == found
+    assert len(small) > 2 * 110
+    assert small.arena.taken <= 110
+    assert contents(small) == contents(large)
+
+
+def test_a_brick_is_copied_before_its_slot_is_another_s():
+    """Another thread that wants slots gets its turn in the middle."""
+    arena = small_arena(2)
+    brick = Brick.fresh(arena)
+    arena.deltas[:] = 7
+    brick.settle()
+    turns: list[int] = []
+    others = []
+
+    class Interrupted(np.ndarray):
+        def __getitem__(self, slot):
+            if not turns:
+                turns.append(slot)
+                with suppress(StoreFull):
+                    others.append(arena.take())
+                    np.asarray(self)[others[0].slot] = 99
+            return super().__getitem__(slot)
+
+    arena.deltas = arena.deltas.view(Interrupted)
+    copy = Brick.fresh(arena, brick)
+    assert (np.asarray(arena.deltas)[copy.hold().slot] == 7).all()
+    assert turns
+
+
+def test_the_weight_of_packed_bricks_is_known():
+    bricks = no_bricks(slots=200)
+    for revision in range(1, 20):
+        bricks = bricks.apply([ball("carve", 100.0 * revision)], revision, flat)
+    arena = bricks.arena
+    packed = sum(len(brick.packed) + 512 for _, brick in bricks)
+    assert arena.weight == packed
+    bricks = bricks.apply([ball("add", 100.0, strength=1.0)], 20, flat)
+    gone = len(bricks.changed) * 512
+    assert packed - 40 * gone < arena.weight < packed, "what has changed is not packed yet"
+    del bricks
+    gc.collect()
+    assert (arena.weight, arena.taken) == (0, 0)
+
+
 def test_a_full_arena_changes_nothing():
     bricks = no_bricks(slots=60).apply([ball("carve", 0.0)], 1, flat)
     kept, taken = contents(bricks), bricks.arena.taken
@@ -170,7 +234,7 @@ def test_an_arena_may_lie_in_memory_of_others():
     bricks = Bricks(3, arena).apply([ball("carve", 0.0)], 1, flat)
     mapped = np.frombuffer(memory, np.int32).reshape(64, 4096)
     for _, brick in bricks:
-        assert np.array_equal(mapped[brick.slot], brick.deltas.reshape(-1))
+        assert np.array_equal(mapped[brick.hold().slot], brick.deltas.reshape(-1))
         assert brick.deltas.any()
 
 

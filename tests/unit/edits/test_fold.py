@@ -5,9 +5,8 @@ import pytest
 
 from chunkserver.edits import Edit
 from chunkserver.edits.boxes import Box
-from chunkserver.edits.brushes import brush
 from tests.reference import strokes_twin as twin
-from tests.strokes import OPS, SHAPES, delta_of, dense, no_bricks, op_of, place, shape_of
+from tests.strokes import OPS, SHAPES, delta_of, dense, no_bricks, op_of, shape_of
 
 PLACES = {"origin": (0, 0, 0), "negative": (-19, -7, -3), "far": (1 << 39, -(1 << 39) - 5, (1 << 39) - 9)}
 
@@ -34,7 +33,7 @@ def agree(strokes) -> None:
     for number, stroke in enumerate(strokes, start=1):
         edit = Edit.of([stroke])
         low, high = twin.box(stroke)
-        assert brush(edit.strokes[0]).box == Box(place(low), place(high))
+        assert edit.brushes.boxes.tolist() == [[list(low), list(high)]]
         bricks = bricks.apply([edit], number, wavy_box)
         was = dict(known)
         for p in twin.points(stroke):

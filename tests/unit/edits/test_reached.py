@@ -3,7 +3,7 @@
 from itertools import product
 
 from chunkserver.edits.reach import Range
-from chunkserver.edits.reached import Reached, holds
+from chunkserver.edits.reached import Reached, groups_met
 from chunkserver.grid import ChunkKey
 
 FAR = 1 << 36
@@ -16,8 +16,27 @@ def test_ranges_are_noted_on_their_level_alone():
     reached.note(7, [Range(0, (1, 1, 1), (1, 1, 5))])
     for key in (ChunkKey(lod, *place) for lod in (0, 1, 3) for place in product(range(-3, 7), repeat=3)):
         later = key.lod == 0 and key[1:3] == (1, 1) and 1 <= key.z <= 5
-        assert reached.last(key) == (7 if later else holds([first, second], key))
-    assert len(reached) == 4 * 3 * 3 + 1 + 3
+        earlier = any(
+            key.lod == lod and all(a <= at <= b for a, at, b in zip(low, key[1:], high, strict=True))
+            for lod, low, high in (first, second)
+        )
+        assert reached.last(key) == (7 if later else earlier)
+    assert set(reached) == reached.changed
+    assert set(reached) == {
+        (key.lod, *(at + 2 >> 2 for at in key[1:]))
+        for key in (ChunkKey(lod, *place) for lod in (0, 3) for place in product(range(-9, 9), repeat=3))
+        if reached.last(key)
+    }
+    assert reached.groups == len(set(reached))
+    assert [groups_met([each]) for each in (first, second)] == [
+        len(
+            {
+                (at + 2 >> 2, row + 2 >> 2, deep + 2 >> 2)
+                for at, row, deep in product(*map(range, low, (n + 1 for n in high)))
+            }
+        )
+        for _, low, high in (first, second)
+    ]
 
 
 def test_no_two_chunks_are_taken_for_one():
@@ -26,4 +45,4 @@ def test_no_two_chunks_are_taken_for_one():
     for revision, key in enumerate(keys, 1):
         reached.note(revision, [Range(0, key[1:], key[1:])])
     assert [reached.last(key) for key in keys] == list(range(1, len(keys) + 1))
-    assert len(reached) == len(keys)
+    assert set(reached) == {(0, *(at + 2 >> 2 for at in key[1:])) for key in keys}

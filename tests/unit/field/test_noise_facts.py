@@ -149,7 +149,7 @@ def test_noise_stays_in_its_range_and_fills_it(noise, jitter, rng):
             low, high = min(low, float(values.min())), max(high, float(values.max()))
     assert facts.low <= low
     assert high <= facts.high
-    filled = 0.9 if jitter == 1 else 0.7
+    filled = 0.85 if jitter == 1 else 0.7  # of 25,000,000 points 0.9; a hundredth of them may miss the ends
     assert high - low > filled * (facts.high - facts.low)
 
 

@@ -5,8 +5,10 @@ import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as text
 
+from chunkserver.errors import BadParameter, BadStroke, StoreError, StoreFull
 from chunkserver.server import Settings, create_app
 from chunkserver.server.disk import DiskCache
+from chunkserver.server.edit_counts import EditCounts
 from chunkserver.server.histogram import SECONDS
 from chunkserver.server.metrics import TABLE, _Reading
 from chunkserver.server.pool import Pool, Tally
@@ -38,6 +40,8 @@ def full_service(tmp_path):
     assert isinstance(service.pool, Pool)
     service.cache.disk = DiskCache(tmp_path, 1 << 20)
     service.connections.count("idle")
+    service.streams.closed[1000] = 1
+    service.worlds.edits.counts.refused[StoreFull] += 1
     service.requests.count("/metrics", "GET", 200, 0.001)
     return service
 
@@ -130,6 +134,25 @@ def test_all_that_the_pool_counts_is_told(tmp_path):
     asyncio.run(service.cache.close())
     asyncio.run(service.worlds.close())
     assert set(numbers.values()) <= told
+
+
+def test_all_that_is_counted_of_edits_is_told(client):
+    counts = client.app.state.service.worlds.edits.counts
+    seconds = {"write_seconds", "fold_seconds"}
+    numbers = {name: number for number, name in enumerate(EditCounts.__slots__, 1000) if name not in seconds}
+    del numbers["refused"]
+    for name, number in numbers.items():
+        setattr(counts, name, number)
+    counts.write_seconds.observe(0.002)
+    counts.fold_seconds.observe(0.3)
+    for kind in (BadStroke, BadParameter, StoreError, StoreError):
+        with pytest.raises(kind), counts.refusals():
+            raise kind("no")
+    found = read(client)
+    assert {value for name, value in found.items() if name[0].startswith("chunkserver")} >= set(numbers.values())
+    assert (found["chunkserver_edit_seconds_sum",], found["chunkserver_fold_seconds_sum",]) == (0.002, 0.3)
+    refused = {key[1][1]: value for key, value in found.items() if key[0] == "chunkserver_edits_refused_total"}
+    assert refused == {"bad-stroke": 1, "bad-parameter": 1, "internal": 2}
 
 
 def test_names_are_those_of_prometheus():

@@ -1,10 +1,16 @@
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from chunkserver.edits import Arena, Bricks, Edit, History
+from chunkserver.edits.arena import BRICK_DELTAS
+from chunkserver.errors import BadStroke
+from chunkserver.field import Ground
+from chunkserver.recipe import WorldRecipe, builtin
 from chunkserver.server.connections import ConnectionLimits
 from chunkserver.server.keys import Scope, mint
 from chunkserver.server.pool import Limits
-from chunkserver.server.settings import MASK, WORKERS_MAX, Settings
+from chunkserver.server.settings import ARENA_BYTES_MIN, MASK, WORKERS_MAX, Settings
 from chunkserver.worker import cores
 
 
@@ -34,12 +40,28 @@ def test_the_limits_have_one_default_each():
 
 
 def test_the_limits_are_those_that_were_chosen():
-    chosen = Settings(jobs_waiting=1, answer_seconds=3, build_seconds=1.5, worker_bytes=3 << 30)
-    assert chosen.pool_limits == Limits(1, 3, 1.5, 3 << 30)
+    chosen = Settings(jobs_waiting=1, answer_seconds=3, build_seconds=1.5, worker_bytes=3 << 30, arena_bytes=1 << 31)
+    assert chosen.pool_limits == Limits(1, 3, 1.5, 3 << 30, 1 << 31)
     chosen = Settings(connections_max=1, header_seconds=2, keep_alive_seconds=3, send_seconds=4)
     assert chosen.connection_limits == ConnectionLimits(
         connections_max=1, header_seconds=2, keep_alive_seconds=3, send_seconds=4
     )
+
+
+def test_an_arena_has_whole_bricks():
+    for size in (ARENA_BYTES_MIN, ARENA_BYTES_MIN + 1, "1GB"):
+        cut = Settings(arena_bytes=size).pool_limits.arena_bytes
+        assert 0 <= Settings(arena_bytes=size).arena_bytes - cut < 1 << 20
+        assert len(Arena(np.zeros(cut // 4, np.int32)).deltas) * 4 * BRICK_DELTAS == cut
+
+
+def test_the_smallest_arena_has_room_for_the_largest_ball(monkeypatch):
+    monkeypatch.setattr("chunkserver.edits.arena.SLOTS_DEFAULT", ARENA_BYTES_MIN // (4 * BRICK_DELTAS))
+    history = History(Bricks(), Ground(WorldRecipe(0, builtin("plane"))).bound, 32)
+    ball = {"op": "add", "shape": "sphere", "center": [0, 0, 0], "radius": 80.0, "strength": 1.0}
+    with pytest.raises(BadStroke, match="limit is 4194304"):
+        Edit.of([{**ball, "radius": 81.0}])
+    assert history.take(Edit.of([ball])).stale
 
 
 @pytest.mark.parametrize(
@@ -54,6 +76,7 @@ def test_the_limits_are_those_that_were_chosen():
             ("insecure", "maybe"),
         ],
         *[("log_format", "xml"), ("log_requests", "some"), ("log_level", "loud"), ("connections_max", 0)],
+        *[("arena_bytes", ARENA_BYTES_MIN - 1), ("arena_bytes", "2TiB")],
     ],
 )
 def test_what_cannot_be(name, value):
