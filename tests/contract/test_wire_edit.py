@@ -36,6 +36,7 @@ def test_the_page_has_the_limits():
         "until something is taken": f"{limits.SEND_SECONDS:g}",
     }
     assert messages.FRAME_BYTES_MAX == limits.FRAME_BYTES_MAX
+    assert messages.REGIONS_MAX == limits.REGIONS_MAX
 
 
 def test_the_page_has_the_codes():

@@ -126,7 +126,10 @@ class EditStream:
         self._do(lambda: self._stream.failed(refresh))
 
     def subscribe(self, *regions: Region) -> None:
-        """Look at these regions too. Chunks in them that are shown are fetched again when that is in force."""
+        """Look at these regions too. Chunks in them that are shown are fetched again when that is in force.
+
+        Raises `ValueError` for what is no region, and for more than 64 of them, and changes nothing then.
+        """
         self._do(lambda: self._stream.subscribe(*regions))
 
     def unsubscribe(self, *regions: Region) -> None:

@@ -218,8 +218,11 @@ class AsyncEditStream:
         self._has_news.set()
 
     def subscribe(self, *regions: Region) -> None:
-        """Look at these regions too. Chunks in them that are shown are fetched again when that is in force."""
-        self._session.subscribe(*[region.check() for region in regions])
+        """Look at these regions too. Chunks in them that are shown are fetched again when that is in force.
+
+        Raises `ValueError` for what is no region, and for more than 64 of them, and changes nothing then.
+        """
+        self._session.subscribe(*regions)
         self._has_more.set()
 
     def unsubscribe(self, *regions: Region) -> None:

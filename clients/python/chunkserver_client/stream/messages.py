@@ -13,6 +13,8 @@ from chunkserver_client.questions import plain
 from chunkserver_client.stream.places import Region, read_ranges
 
 FRAME_BYTES_MAX: Final = 1 << 16
+REGIONS_MAX: Final = 64
+"""Of a connection."""
 SEQ_MAX: Final = (1 << 53) - 1
 STATUS_MIN: Final = 400
 STATUS_MAX: Final = 599

@@ -83,14 +83,15 @@ class Session:
         self.chunks = Chunks()
         self.connect_at: float | None = clock()
         self._state: Literal["waiting", "opening", "live", "ended"] = "waiting"
-        self._regions = dict.fromkeys(regions)
+        self._regions = _few(dict.fromkeys(regions))
         self._cells = cells
         self._clock, self._retry, self._jitter = clock, retry or Retry(), jitter
         self._unanswered = Unanswered()
         self._outgoing: list[str | bytes] = []
         self._seq = 0
         self._inflight_max = 0
-        self._asks: list[str | bytes] = []
+        self._in_force = set(self._regions)
+        self._told = dict(self._regions)
         self._asked: list[tuple[Region, ...]] = []
         self._obeyed = 0
         self._failures = 0
@@ -111,13 +112,12 @@ class Session:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions that are known to be in force."""
-        new = self._unobeyed()
-        return tuple(region for region in self._regions if region not in new)
+        return tuple(region for region in self._regions if region in self._in_force)
 
     @property
     def are_regions_in_force(self) -> bool:
         """Whether every region that was asked for is in force."""
-        return self.is_live and not self._asked
+        return self.is_live and not self._asked and self._regions.keys() == self._told.keys()
 
     @property
     def unanswered(self) -> int:
@@ -138,15 +138,19 @@ class Session:
         return self._seq
 
     def subscribe(self, *regions: Region) -> None:
-        """Look at these regions too. Chunks in them that the game has are fetched again when that is in force."""
-        self._regions.update(dict.fromkeys(regions))
-        self._ask(regions, added=True)
+        """Look at these regions too. Chunks in them that the game has are fetched again when that is in force.
+
+        What changes while there is no connection is in the next hello; what changes while the server has not obeyed yet
+        is asked for at once when it has. So two requests are under way at most, however often a game looks elsewhere.
+
+        Raises `ValueError` for what is no region, and for more than REGIONS_MAX of them, and changes nothing then.
+        """
+        self._regions = _few(self._regions | dict.fromkeys(region.check() for region in regions))
 
     def unsubscribe(self, *regions: Region) -> None:
         """Look at these regions no more."""
         for region in regions:
             self._regions.pop(region, None)
-        self._ask(regions, added=False)
 
     def connected(self) -> None:
         """Begin on a new connection."""
@@ -154,7 +158,9 @@ class Session:
         self._state = "opening"
         resume = None if self.epoch is None else self.revision
         self._outgoing = [messages.hello(self.client, self.epoch, resume, self._regions)]
-        self._asks, self._asked, self._obeyed = [], [self._unobeyed()], -1
+        self._told = dict(self._regions)
+        self._asked, self._obeyed = [tuple(self._told.keys() - self._in_force)], -1
+        self._in_force.intersection_update(self._told)
 
     def received(self, frame: str | bytes) -> list[Event]:
         """Take a frame; return what the game should know. What cannot be breaks the connection."""
@@ -183,19 +189,22 @@ class Session:
     def outgoing(self) -> list[str | bytes]:
         """Return what to send now, in order: text as str, binary as bytes."""
         if self._state == "live":
-            self._outgoing += self._asks
-            self._asks = []
+            self._outgoing += self._asks()
             self._outgoing += self._unanswered.to_send(self._inflight_max)
         frames, self._outgoing = self._outgoing, []
         return frames
 
-    def _ask(self, regions: tuple[Region, ...], *, added: bool) -> None:
-        self._asks.append(messages.regions_changed(added=added, regions=regions))
-        self._asked.append(regions if added else ())
-
-    def _unobeyed(self) -> tuple[Region, ...]:
-        """Return the regions that were asked for, and are not known to be in force."""
-        return tuple(region for added in self._asked for region in added if region in self._regions)
+    def _asks(self) -> list[str | bytes]:
+        """Return the requests for other regions, if those before are in force. First what goes: there is room then."""
+        if self._asked:
+            return []
+        gone = tuple(region for region in self._told if region not in self._regions)
+        new = tuple(region for region in self._regions if region not in self._told)
+        self._told = dict(self._regions)
+        self._in_force.difference_update(gone)
+        wanted = [(False, gone), (True, new)]
+        self._asked = [new if added else () for added, regions in wanted if regions]
+        return [messages.regions_changed(added=added, regions=regions) for added, regions in wanted if regions]
 
     def _take(self, message: Message) -> list[Event]:
         if isinstance(message, Welcome) is self.is_live:
@@ -253,5 +262,13 @@ class Session:
             raise BadAnswer(f"{asked} requests for regions are in force; there were {self._obeyed + len(self._asked)}")
         new = [region for added in self._asked[:count] for region in added]
         self._asked, self._obeyed = self._asked[count:], asked
+        self._in_force.update(new)
         if new:
             self.chunks.outdate(lambda key: any(each.holds(key, self._cells) for each in new), self.revision)
+
+
+def _few(regions: dict[Region, None]) -> dict[Region, None]:
+    """Return regions. Raises `ValueError` if they are more than a connection may have."""
+    if len(regions) > messages.REGIONS_MAX:
+        raise ValueError(f"{len(regions)} regions: a session looks at {messages.REGIONS_MAX} at most")
+    return regions
