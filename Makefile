@@ -14,6 +14,7 @@ UV_COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 \
 RUNTIME := .venv/.runtime-installed
 DEV := .venv/.dev-installed
 NODE := tests/node_modules/.installed
+WEB := clients/web/node_modules/.installed
 EGL := .venv/.egl-found
 
 .PHONY: run test bench torture docs lint format lock clean
@@ -21,10 +22,10 @@ EGL := .venv/.egl-found
 run: $(RUNTIME)
 	$(BIN)/chunkserver serve --data data $(ARGS)
 
-test: lint $(NODE) $(EGL)
+test: lint $(NODE) $(WEB) $(EGL)
 	$(BIN)/pytest $(ARGS)
 
-torture: $(DEV) $(NODE) $(EGL)
+torture: $(DEV) $(NODE) $(WEB) $(EGL)
 	CHUNKSERVER_TORTURE=1 $(BIN)/pytest $(ARGS)
 
 bench: $(DEV)
@@ -51,7 +52,7 @@ lock: $(DEV)
 	$(UV_COMPILE) --group build --constraint requirements-dev.lock --output-file requirements-build.lock
 
 clean:
-	rm -rf .venv .cache tests/node_modules build dist
+	rm -rf .venv .cache tests/node_modules build dist clients/web/node_modules clients/web/dist clients/web/.test
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(RUNTIME): pyproject.toml requirements.lock requirements-build.lock
@@ -71,6 +72,10 @@ $(NODE): tests/package.json tests/package-lock.json
 		&& apt-get -qq update && apt-get -qq install --yes nodejs npm; } \
 		|| { echo "make test needs Node.js with npm: please install it first" >&2; exit 1; }
 	cd tests && npm ci --no-audit --no-fund --loglevel=error
+	touch $@
+
+$(WEB): clients/web/package.json clients/web/package-lock.json $(NODE)
+	cd clients/web && npm ci --no-audit --no-fund --loglevel=error
 	touch $@
 
 $(EGL): $(DEV)

@@ -1,0 +1,215 @@
+/** A client in a worker: what is fetched is decoded there, and comes over as it is, without a copy. */
+
+import type { BatchOptions } from "./batch.js";
+import type { CallOptions, Client, ClientOptions, WorldOptions } from "./client.js";
+import type { AnyWorld, WorldDescriptor } from "./descriptors.js";
+import type { ChunkRange, LoggedEdit, Stroke } from "./edits.js";
+import { Unreachable } from "./errors.js";
+import type { ChunkKey, ChunkMesh } from "./mesh.js";
+import type { ChunkOptions, RecipeTree } from "./questions.js";
+import { unpacked, type Asked, type Port, type Told } from "./remote.js";
+
+/** What a client can do, in whatever thread it is. */
+export type ChunkClient = { readonly [Name in keyof Client]: Client[Name] };
+
+/** Whoever waits for what the worker tells of one call. */
+interface Waiting {
+  told(told: Told): void;
+  failed(error: unknown): void;
+}
+
+type Result<Name extends keyof Client> = Awaited<ReturnType<Client[Name]>>;
+
+/** The same as `Client`, but that the work is done in a worker. */
+export class WorkerClient implements ChunkClient {
+  private readonly port: Port;
+  private readonly waiting = new Map<number, Waiting>();
+  private last = 0;
+
+  /**
+   * @param url of the server; a worker knows no relative ones
+   * @param worker what runs the module `chunkserver-client/worker`. Left out, a worker is started from the file beside
+   *     this one, which bundlers that know `new Worker(new URL(..., import.meta.url))` find.
+   */
+  constructor(url: string, options: ClientOptions = {}, worker?: Port) {
+    this.port = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
+    this.port.addEventListener("message", ({ data }) => this.waiting.get((data as Told).id)?.told(data as Told));
+    if (typeof Worker !== "undefined" && this.port instanceof Worker) {
+      this.port.addEventListener("error", (event) =>
+        this.fail(new Unreachable(`the worker has failed: ${event.message}`)),
+      );
+    }
+    this.tell({ make: [url, options] });
+  }
+
+  /** Ends the worker. What is under way fails. */
+  close(): void {
+    if ("terminate" in this.port) {
+      (this.port as Worker).terminate();
+    }
+    this.fail(new Unreachable("the client is closed"));
+  }
+
+  seed(seed: number | bigint, recipe?: string, options: CallOptions = {}) {
+    return this.ask("seed", [seed, recipe], options);
+  }
+
+  world(id: string, options: CallOptions = {}) {
+    return this.ask("world", [id], options);
+  }
+
+  worlds(options: CallOptions = {}) {
+    return this.ask("worlds", [], options);
+  }
+
+  createWorld(id: string, seed: number | bigint, recipe?: string | RecipeTree, options: WorldOptions = {}) {
+    return this.ask("createWorld", [id, seed, recipe], options);
+  }
+
+  deleteWorld(id: string) {
+    return this.ask("deleteWorld", [id]);
+  }
+
+  recipes(options: CallOptions = {}) {
+    return this.ask("recipes", [], options);
+  }
+
+  recipe(name: string, options: CallOptions = {}) {
+    return this.ask("recipe", [name], options);
+  }
+
+  postRecipe(recipe: RecipeTree, options: CallOptions = {}) {
+    return this.ask("postRecipe", [recipe], options);
+  }
+
+  chunk(world: AnyWorld, key: ChunkKey, options: ChunkOptions & CallOptions = {}) {
+    return this.ask("chunk", [world, key], options);
+  }
+
+  chunkHead(world: AnyWorld, key: ChunkKey, options: ChunkOptions & CallOptions = {}) {
+    return this.ask("chunkHead", [world, key], options);
+  }
+
+  chunks(world: AnyWorld, chunks: Iterable<ChunkKey & { readonly coarser?: number }>, options: BatchOptions = {}) {
+    return this.iterate<ChunkMesh>("chunks", [world, [...chunks]], options);
+  }
+
+  edit(world: WorldDescriptor, strokes: Iterable<Stroke>, key: string | null = null) {
+    return this.ask("edit", [world, [...strokes], key]);
+  }
+
+  edits(world: WorldDescriptor, after?: bigint, limit?: number) {
+    return this.iterate<LoggedEdit>("edits", [world, after, limit], {});
+  }
+
+  ticket(world: WorldDescriptor, options: CallOptions = {}) {
+    return this.ask("ticket", [world], options);
+  }
+
+  isReady() {
+    return this.ask("isReady", []);
+  }
+
+  waitUntilReady(seconds?: number, options: CallOptions = {}) {
+    return this.ask("waitUntilReady", [seconds], options);
+  }
+
+  outdate(world: WorldDescriptor, stale: readonly ChunkRange[] | null, revision: bigint): void {
+    void this.ask("outdate", [world, stale, revision]);
+  }
+
+  /** One call that has one answer. */
+  private async ask<Name extends keyof Client>(
+    call: Name,
+    args: readonly unknown[],
+    options: object = {},
+  ): Promise<Result<Name>> {
+    const { signal, ...rest } = options as CallOptions;
+    signal?.throwIfAborted();
+    const id = ++this.last;
+    const stop = () => {
+      this.tell({ id, cancel: true });
+      this.waiting.get(id)?.failed(signal?.reason);
+    };
+    try {
+      return await new Promise<Result<Name>>((resolve, failed) => {
+        const told = (message: Told) =>
+          "value" in message ? resolve(message.value as Result<Name>) : failed(errorOf(message));
+        this.waiting.set(id, { told, failed });
+        signal?.addEventListener("abort", stop, { once: true });
+        this.tell({ id, call, args: [...args, rest] });
+      });
+    } finally {
+      signal?.removeEventListener("abort", stop);
+      this.waiting.delete(id);
+    }
+  }
+
+  /** One call that has many answers; whoever leaves it early cancels it. */
+  private async *iterate<Item>(
+    call: "chunks" | "edits",
+    args: readonly unknown[],
+    options: CallOptions,
+  ): AsyncGenerator<Item, void, undefined> {
+    const { signal, ...rest } = options;
+    signal?.throwIfAborted();
+    const id = ++this.last;
+    const arrived: Told[] = [];
+    let wake = () => {};
+    let failure: { readonly error: unknown } | null = null;
+    const told = (message: Told) => {
+      arrived.push(message);
+      wake();
+    };
+    const failed = (error: unknown) => {
+      failure = { error };
+      wake();
+    };
+    const stop = () => failed(signal?.reason);
+    this.waiting.set(id, { told, failed });
+    signal?.addEventListener("abort", stop, { once: true });
+    this.tell({ id, call, args: [...args, rest] });
+    let isOver = false;
+    try {
+      for (;;) {
+        const message = arrived.shift();
+        const broken = failure as { readonly error: unknown } | null;
+        if (broken !== null) {
+          throw broken.error;
+        }
+        if (message === undefined) {
+          await new Promise<void>((resolve) => (wake = resolve));
+        } else if ("item" in message) {
+          this.tell({ id, taken: 1 });
+          yield message.item as Item;
+        } else {
+          isOver = true;
+          if ("error" in message) {
+            throw errorOf(message);
+          }
+          return;
+        }
+      }
+    } finally {
+      signal?.removeEventListener("abort", stop);
+      this.waiting.delete(id);
+      if (!isOver) {
+        this.tell({ id, cancel: true });
+      }
+    }
+  }
+
+  private tell(asked: Asked): void {
+    this.port.postMessage(asked, []);
+  }
+
+  private fail(error: unknown): void {
+    for (const each of [...this.waiting.values()]) {
+      each.failed(error);
+    }
+  }
+}
+
+function errorOf(told: Told): unknown {
+  return unpacked("error" in told ? told.error : told);
+}

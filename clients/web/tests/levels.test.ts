@@ -1,0 +1,136 @@
+/** docs/level-of-detail.md: its example, and the cuts and swaps of the Python client for the same journeys. */
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+
+import { LevelOfDetail, type ChunkSet, type Selection, type ViewOptions } from "../src/levels.js";
+import { chunkName, type FittedChunk, type Triple } from "../src/mesh.js";
+import { redraws, swaps } from "../src/swaps.js";
+import { given, page, stated } from "./pages.js";
+
+const VOXELS_MAX = 2 ** 40;
+const WORLD = {
+  low: [-VOXELS_MAX, -VOXELS_MAX, -VOXELS_MAX] as Triple,
+  high: [VOXELS_MAX, VOXELS_MAX, VOXELS_MAX] as Triple,
+};
+
+type Row = [lod: number, x: number, y: number, z: number, coarser: number];
+
+function rows(chunks: ChunkSet): Row[] {
+  const found = Array.from(chunks.values(), ({ lod, x, y, z, coarser }): Row => [lod, x, y, z, coarser]);
+  return sorted(found);
+}
+
+function sorted(rows: Row[]): Row[] {
+  return rows.sort((one, other) => one.map((value, at) => value - other[at]!).find(Boolean) ?? 0);
+}
+
+test("the example of the page", () => {
+  const says = page("level-of-detail.md");
+  const view = stated(says, "view");
+  const [low, high] = view.box;
+  const levels = new LevelOfDetail(
+    { ...WORLD, chunkCells: view.chunk_cells, lods: view.lods, geometricErrors: view.geometric_errors },
+    {
+      errorPixels: view.error_pixels,
+      screenPixels: view.screen_pixels,
+      fovDegrees: view.fov_degrees,
+      aheadSeconds: view.ahead_seconds,
+      reach: view.reach,
+      chunksMax: view.chunks_max,
+      box: { low, high },
+    },
+  );
+  let selection: Selection | null = null;
+  for (const { position, velocity, chunks } of stated(says, "frames")) {
+    selection = levels.select(position, velocity, selection);
+    assert.deepEqual(rows(selection.chunks), chunks);
+  }
+});
+
+interface Journey {
+  readonly lods: number;
+  readonly cells: number;
+  readonly errors: number[] | null;
+  readonly view: ViewOptions;
+  readonly frames: {
+    position: Triple;
+    velocity: Triple;
+    chunks: Row[];
+    coarsened: number;
+    swaps: Row[][];
+    redraws: Row[][];
+  }[];
+  readonly stale: { lod: number; low: Triple; high: Triple };
+}
+
+test("the journeys of the Python client", () => {
+  const journeys: Journey[] = JSON.parse(readFileSync(given("CHUNKSERVER_JOURNEYS"), "utf8"));
+  let [leaves, coarsened, kept] = [0, 0, 0];
+  for (const { lods, cells, errors, view, frames, stale } of journeys) {
+    const levels = new LevelOfDetail({ ...WORLD, chunkCells: cells, lods, geometricErrors: errors }, view);
+    let before = null as Selection | null;
+    for (const frame of frames) {
+      const selection: Selection = levels.select(frame.position, frame.velocity, before);
+      assert.deepEqual(rows(selection.chunks), frame.chunks);
+      assert.equal(selection.coarsened, frame.coarsened);
+      const isSame: boolean = selection.chunks === before?.chunks;
+      assert.equal(isSame, before !== null && rows(before.chunks).join(" ") === frame.chunks.join(" "));
+      const groups: Row[][] =
+        before === null
+          ? []
+          : swaps(before.chunks, selection.chunks).map(({ old, new: next }) => rows(new Map([...old, ...next])));
+      assert.deepEqual(named(groups), named(frame.swaps));
+      assert.deepEqual(named(redraws(selection.chunks, [stale]).map(rows)), named(frame.redraws));
+      leaves += frame.chunks.length;
+      coarsened += frame.coarsened ? 1 : 0;
+      kept += isSame ? 1 : 0;
+      before = selection;
+    }
+  }
+  assert.ok(
+    journeys.length >= 100 && leaves > 10_000 && coarsened > 20 && kept > 20,
+    `${journeys.length} journeys, ${leaves} leaves, ${coarsened} coarsened, ${kept} kept`,
+  );
+});
+
+/** Groups in whatever order. */
+function named(groups: Row[][]): string[] {
+  return groups.map((group) => sorted(group).join(" ")).sort();
+}
+
+test("a swap has what goes and what comes", () => {
+  const chunk = (lod: number, x: number, coarser = 0): FittedChunk => ({ lod, x, y: 0, z: 0, coarser });
+  const set = (...chunks: FittedChunk[]): ChunkSet => new Map(chunks.map((each) => [chunkName(each), each]));
+  const [swap, ...others] = swaps(set(chunk(1, 0), chunk(1, 5)), set(chunk(0, 0), chunk(0, 1), chunk(1, 5)));
+  assert.deepEqual(
+    [[...swap!.old.keys()], [...swap!.new.keys()].sort(), others],
+    [["1/0/0/0/0"], ["0/0/0/0/0", "0/1/0/0/0"], []],
+  );
+});
+
+for (const [name, view] of Object.entries<ViewOptions>({
+  errorPixels: { errorPixels: 0 },
+  screenPixels: { screenPixels: NaN },
+  fovDegrees: { fovDegrees: 180 },
+  aheadSeconds: { aheadSeconds: -1 },
+  chunksMax: { chunksMax: 63 },
+  reach: { reach: 16 * 4096 + 1 },
+  box: { box: { low: [0, 0, 0], high: [1, 0, 1] } },
+})) {
+  test(`a view with a bad ${name} is refused by name`, () => {
+    assert.throws(
+      () => new LevelOfDetail({ ...WORLD, chunkCells: 32, lods: 8, geometricErrors: null }, view),
+      new RegExp(`^RangeError: ${name} is `),
+    );
+  });
+}
+
+test("a selection of another object, and what is no point, are refused", () => {
+  const world = { ...WORLD, chunkCells: 32, lods: 3, geometricErrors: null };
+  const [levels, other] = [new LevelOfDetail(world), new LevelOfDetail(world)];
+  assert.throws(() => levels.select([0, 0, 0], [0, 0, 0], other.select([0, 0, 0])), RangeError);
+  assert.throws(() => levels.select([0, NaN, 0]), /position is/);
+  assert.equal(levels.select([2 ** 50, 0, 0]).chunks.size, 0);
+});
