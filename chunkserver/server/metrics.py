@@ -274,7 +274,7 @@ TABLE: Final = (
     Row(
         "chunkserver_streams_closed_total",
         "counter",
-        "Connections to streams that ended, by the code they were closed with.",
+        "Connections to streams that ended, by the code they were closed with; 1006: without one.",
         lambda service: {(str(code),): count for code, count in service.streams.closed.items()},
         ("code",),
     ),

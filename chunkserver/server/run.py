@@ -18,7 +18,7 @@ from chunkserver import __version__
 from chunkserver.server import log_format
 from chunkserver.server.connections import ConnectionLimits, Connections
 from chunkserver.server.protocol import bounded
-from chunkserver.server.stream_protocol import streaming
+from chunkserver.server.stream_protocol import MESSAGE_BYTES_MAX, streaming
 from chunkserver.stream import limits as stream_limits
 
 BACKLOG_MAX: Final = 1024
@@ -96,8 +96,10 @@ def _config(app: ASGIApp, connections: Connections) -> uvicorn.Config:
         timeout_graceful_shutdown=GRACE_SECONDS,
         timeout_keep_alive=math.ceil(connections.limits.keep_alive_seconds),
         ws=streaming(connections),
-        ws_max_size=stream_limits.FRAME_BYTES_MAX,
+        ws_max_size=MESSAGE_BYTES_MAX,
         ws_per_message_deflate=False,
+        ws_ping_interval=stream_limits.PING_SECONDS,
+        ws_ping_timeout=stream_limits.PONG_SECONDS,
     )
 
 

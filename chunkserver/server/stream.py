@@ -11,7 +11,7 @@ from chunkserver.server.access import scope_of
 from chunkserver.server.keys import Scope
 from chunkserver.server.problems import OriginRefused, refusal
 from chunkserver.server.service import Service
-from chunkserver.server.stream_protocol import ABORT
+from chunkserver.server.stream_protocol import ABORT, ENDED
 from chunkserver.server.worlds import WORLD
 from chunkserver.stream import Connection, closing
 
@@ -43,7 +43,7 @@ async def world_stream(websocket: WebSocket, world: str) -> None:
     try:
         await session.run()
     finally:
-        service.streams.left(session.connection)
+        service.streams.left(session.connection, websocket.scope["extensions"][ENDED]())
 
 
 def _scope(websocket: WebSocket, service: Service) -> Scope:

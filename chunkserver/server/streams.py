@@ -63,9 +63,9 @@ class Streams:
             self._readers.add(connection)
         return connection
 
-    def left(self, connection: Connection) -> None:
-        """Take that the peer of a connection is gone, or that it was closed."""
-        connection.close(closing.LEFT)
+    def left(self, connection: Connection, why: closing.Close = closing.LEFT) -> None:
+        """Take that the peer of a connection is gone, and why; or that it was closed."""
+        connection.close(why)
         assert connection.closing is not None
         code = connection.closing.code
         self.closed[code] = self.closed.get(code, 0) + 1

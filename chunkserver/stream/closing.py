@@ -12,6 +12,10 @@ class Close(NamedTuple):
 
 LEFT: Final = Close(1000, "the peer is gone")
 GOING_AWAY: Final = Close(1001, "the server stops")
+NO_FRAME: Final = Close(1002, "what came is no frame")
+LOST: Final = Close(1006, "the connection broke")
+"""Stands for no code at all: RFC 6455 has it, and nobody sends it."""
+NOT_TEXT: Final = Close(1007, "the text is not UTF-8")
 TOO_LARGE: Final = Close(1009, "the frame is too large")
 FAILED: Final = Close(1011, "the server failed")
 UNAUTHORISED: Final = Close(4401, "the key is not good any more")

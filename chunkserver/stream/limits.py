@@ -38,9 +38,17 @@ HELLO_SECONDS: Final = 5.0
 """Until `hello` has to be there."""
 SEND_SECONDS: Final = 5.0
 """A peer that takes nothing for so long, while something waits for it, is dropped."""
+PING_SECONDS: Final = 3.0
+"""Between an answer to a ping, or the opening, and the next ping."""
+PONG_SECONDS: Final = 6.0
+"""Until a ping is answered that the peer's system has taken. Else a peer that does not read is not seen for as long as
+its system has room."""
+GONE_SECONDS: Final = 10.0
+"""After which a peer is dropped that does not read, whoever of all these sees it."""
 BEHIND_SECONDS: Final = 2.0
 """A peer that is behind for so long is told which chunks are stale, and no more of the edits."""
 
+assert PING_SECONDS + max(SEND_SECONDS, PONG_SECONDS) < GONE_SECONDS
 assert 2 * PROGRESS_SECONDS <= 1.0, "at least once a second, also when a tick is late"
 
 LIMITS: Final = {

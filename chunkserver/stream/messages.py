@@ -78,7 +78,10 @@ def read_message(frame: str | bytes) -> Message:
     size = len(frame) if isinstance(frame, bytes) or frame.isascii() else len(frame.encode())
     if size > FRAME_BYTES_MAX:
         raise FrameTooLarge(f"the frame has {size} bytes; the limit is {FRAME_BYTES_MAX}", bytes=size)
-    return _message(_parsed(frame)) if isinstance(frame, str) else _with_values(frame)
+    try:
+        return _message(_parsed(frame)) if isinstance(frame, str) else _with_values(frame)
+    except RecursionError:  # to show a value takes more of the stack than to read it
+        raise BadMessage("the frame is nested too deeply") from None
 
 
 def _message(found: dict[str, Any]) -> Message:
@@ -97,8 +100,8 @@ def _message(found: dict[str, Any]) -> Message:
 
 def _parsed(text: str | bytes) -> dict[str, Any]:
     try:
-        found = json.loads(text, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
+        found = json.loads(text if isinstance(text, str) else text.decode(), parse_constant=_no_constant)
+    except ValueError as error:
         raise BadMessage(f"the frame is not JSON: {str(error)[:SHOWN_CHARS_MAX]}") from None
     if not isinstance(found, dict):
         raise _bad("the message", found, "an object")

@@ -1,10 +1,11 @@
 """The stream of edits, asked of the real server over real WebSockets."""
 
 import json
-import socket
+import re
 import struct
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import count
@@ -14,7 +15,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from chunkserver.server.keys import mint
-from tests.serving import Server, serving
+from chunkserver.stream.limits import FRAME_BYTES_MAX
+from tests.frames import CLOSE, CONT, FIN, PING, PONG, TEXT, Frame, Raw
+from tests.serving import Server, serving, until
 from tests.streams import SECONDS_MAX, Peer, ball
 
 WORLD = {"id": "w", "seed": "7", "recipe": "terrain", "chunk_cells": 16, "lods": 3}
@@ -172,42 +175,9 @@ def test_compression_is_not_offered(world):
         assert peer.socket.protocol.extensions == []
 
 
-class Raw:
-    """A WebSocket without a library: frames byte by byte."""
-
-    def __init__(self, url: str) -> None:
-        address = httpx2.URL(url)
-        self.socket = socket.create_connection((address.host, address.port), SECONDS_MAX)
-        self.socket.sendall(
-            b"GET %s/stream HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
-            b"Sec-WebSocket-Protocol: chunkserver.v1\r\n\r\n" % address.raw_path
-        )
-        assert self.socket.recv(4096).startswith(b"HTTP/1.1 101")
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.socket.close()
-
-    def frame(self, first: int, payload: bytes = b"", *, masked: bool = True) -> None:
-        """Send a frame of less than 126 bytes; `first` is its first byte."""
-        head = bytes([first, len(payload) | (128 if masked else 0)])
-        self.socket.sendall(head + (bytes(4) if masked else b"") + payload)
-
-    def code(self) -> int:
-        """Return the code of the close frame, 0 if the connection ends without one."""
-        found = b""
-        while piece := self.socket.recv(4096):
-            found += piece
-        at = found.find(b"\x88")
-        return struct.unpack(">H", found[at + 2 : at + 4])[0] if at >= 0 else 0
-
-
 MANY = 1 << 28
 """Bytes: more than fits into the buffers of two sockets and what the server lets wait."""
-TEXT, MORE, LAST, PING = 0x01, 0x00, 0x80, 0x89
+MORE, LAST = CONT, FIN | CONT
 
 
 @pytest.mark.parametrize(
@@ -225,33 +195,62 @@ TEXT, MORE, LAST, PING = 0x01, 0x00, 0x80, 0x89
 )
 def test_frames_that_are_none_end_the_connection_alone(world, frames, code):
     with Raw(world) as raw:
-        for first, payload in frames:
-            raw.frame(first, payload)
+        raw.send(*(Frame(*frame) for frame in frames))
         assert raw.code() == code
     with Peer(world, next(NAMES)) as peer:
         assert peer.edit(1, ball())["type"] == "ack"
 
 
+def closed(server: Server) -> Counter[int]:
+    """Return how many connections have ended, by code, as the metrics have it."""
+    text = httpx2.get(f"{server.url}/metrics").text
+    found = re.findall(r'^chunkserver_streams_closed_total{code="(\d+)"} (\S+)', text, re.MULTILINE)
+    return Counter({int(code): int(float(count)) for code, count in found})
+
+
+@pytest.mark.parametrize(
+    ("frames", "code"),
+    [
+        ([Frame(FIN | CLOSE, struct.pack(">H", 4999))], 1000),
+        ([], 1006),
+        ([Frame(FIN | TEXT, b"{}", masked=False)], 1002),
+        ([Frame(FIN | TEXT, b"\xff")], 1007),
+        ([Frame(FIN | TEXT, claimed=1 << 20)], 1009),
+        ([Frame(FIN | TEXT, b"{}")], 4400),
+    ],
+)
+def test_connections_are_counted_by_how_they_ended(running, world, frames, code):
+    before = closed(running)
+    with Raw(world) as raw:
+        raw.send(*frames)
+        raw.ends()
+    until(lambda: closed(running) - before == {code: 1}, SECONDS_MAX, f"one more with {code}")
+
+
 def test_a_frame_without_a_mask_ends_the_connection(world):
     with Raw(world) as raw:
-        raw.frame(0x81, b"{}", masked=False)
+        raw.send(Frame(FIN | TEXT, b"{}", masked=False))
         assert raw.code() == 1002
 
 
 def test_a_message_may_come_in_pieces_with_pings_between(world):
     hello = json.dumps({"type": "hello", "client": "p", "epoch": None, "resume": None, "regions": []}).encode()
     with Raw(world) as raw:
-        raw.frame(TEXT, hello[:30])
-        raw.frame(PING, b"are you there")
-        raw.frame(LAST, hello[30:])
-        found = raw.socket.recv(4096)
-        while b"welcome" not in found:
-            found += raw.socket.recv(4096)
-    assert b"\x8a\x0dare you there" in found
+        raw.send(Frame(TEXT, hello[:30]), Frame(FIN | PING, b"are you there"), Frame(LAST, hello[30:]))
+        assert raw.receive() == (PONG, b"are you there")
+        assert json.loads(raw.receive()[1])["type"] == "welcome"
+
+
+def test_a_ping_in_the_middle_of_the_longest_message_is_not_counted(world):
+    hello = json.dumps({"type": "hello", "client": "p", "regions": []}).encode().ljust(FRAME_BYTES_MAX)
+    with Raw(world) as raw:
+        raw.send(Frame(TEXT, hello), Frame(FIN | PING, bytes(125)), Frame(LAST))
+        assert raw.receive() == (PONG, bytes(125))
+        assert json.loads(raw.receive()[1])["type"] == "welcome"
 
 
 def test_pings_of_a_peer_that_does_not_read_do_not_fill_the_server(world):
-    pings = (bytes([PING, 128 | 125]) + bytes(4) + bytes(125)) * 500
+    pings = Frame(FIN | PING, bytes(125)).encoded() * 500
     sent = 0
     with Raw(world) as raw, suppress(OSError):
         while sent < MANY:

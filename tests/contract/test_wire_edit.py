@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from typing import Final
 
+from chunkserver.server.stream_protocol import PIECES_MAX
 from chunkserver.stream import closing, limits
 from chunkserver_client.stream import messages, session
 
@@ -24,6 +25,7 @@ def test_the_page_has_the_limits():
     }
     assert told == {
         "a frame": str(limits.FRAME_BYTES_MAX),
+        "pieces of a frame: what RFC 6455 calls fragments": str(PIECES_MAX),
         "`client`, `epoch`": str(limits.NAME_CHARS_MAX),
         "edits without an answer, on a connection": str(limits.INFLIGHT_MAX),
         "regions of a connection": str(limits.REGIONS_MAX),
@@ -34,6 +36,7 @@ def test_the_page_has_the_limits():
         "a catch-up": str(limits.REPLAYED_MAX),
         "until `hello`": f"{limits.HELLO_SECONDS:g}",
         "until something is taken": f"{limits.SEND_SECONDS:g}",
+        "until a ping is answered": f"{limits.PONG_SECONDS:g}",
     }
     assert messages.FRAME_BYTES_MAX == limits.FRAME_BYTES_MAX
     assert messages.REGIONS_MAX == limits.REGIONS_MAX
