@@ -82,18 +82,22 @@ class Arena:
         """How many slots have bricks in them."""
         return self._used - len(self._free)
 
-    def take(self) -> Held:
-        """Return a slot that nothing lies in; what was there before has to be overwritten.
+    def take(self, count: int) -> list[Held]:
+        """Return so many slots that nothing lies in; what was there before has to be overwritten.
 
-        Bricks that nobody has held for long are packed if need be. Raises `StoreFull` if all slots are in use.
+        Bricks that nobody has held for long are packed if need be. Raises `StoreFull` if too many slots are in use.
         """
+        free, taken = self._free, []
         with self.lock:
-            if not self._free and self._used < len(self.deltas):
-                self._used += 1
-                self._settled.append(None)
-                return Held(self._used - 1, self._free)
-            self._make_room()
-            return Held(self._free.popleft(), self._free)
+            for _ in range(count):
+                if not free and self._used < len(self.deltas):
+                    self._used += 1
+                    self._settled.append(None)
+                    taken.append(Held(self._used - 1, free))
+                else:
+                    self._make_room()
+                    taken.append(Held(free.popleft(), free))
+        return taken
 
     def settle(self, brick: "Brick", slot: int) -> None:
         """Let a brick that is not written to any more be packed, when its slot is wanted."""
@@ -125,7 +129,7 @@ class Arena:
 
 
 class Brick:
-    """One brick. It may be written to until it is settled.
+    """One brick, which never changes.
 
     low, high: its lowest and highest delta, units.
     """
@@ -138,13 +142,6 @@ class Brick:
         self._packed: bytes | None = None
         self._wanted = True
         self._weight = 0
-
-    @classmethod
-    def fresh(cls, arena: Arena, like: "Brick | None" = None) -> "Brick":
-        """Return a brick to be written to, as another one is, or of zeros. Raises `StoreFull`."""
-        held, source = arena.take(), like and like.hold()  # held until it is copied, or another thread gets its slot
-        arena.deltas[held.slot] = arena.deltas[source.slot] if source else 0
-        return cls(arena, held)
 
     @classmethod
     def kept(cls, arena: Arena, low: int, high: int, content: bytes) -> "Brick":
@@ -167,18 +164,15 @@ class Brick:
 
     @property
     def packed(self) -> bytes:
-        """The brick's deltas in few bytes, for `kept`. It has to be settled."""
-        if self._packed is None:
+        """The brick's deltas in few bytes, for `kept`."""
+        held = self._held
+        if self._packed is None and held is not None:  # it never has neither
+            content = packed(self._arena.deltas[held.slot])  # without the lock: it takes 60 us, and others want slots
             with self._arena.lock:
-                if self._packed is None and self._held is not None:
-                    self._pack(packed(self._arena.deltas[self._held.slot]))
+                if self._packed is None:
+                    self._pack(content)
         assert self._packed is not None
         return self._packed
-
-    def settle(self) -> None:
-        """Note that it is not written to any more: from now on it may be packed."""
-        assert self._held is not None
-        self._arena.settle(self, self._held.slot)
 
     def hold(self) -> Held:
         """Return its slot, in which its deltas are for as long as that is referred to. Raises `StoreFull`."""
@@ -204,7 +198,7 @@ class Brick:
         with self._arena.lock:
             held = self._held
             if held is None:
-                held = self._arena.take()
+                [held] = self._arena.take(1)
                 assert self._packed is not None
                 unpack(self._packed, self._arena.deltas[held.slot])
                 self._held = held
@@ -212,18 +206,27 @@ class Brick:
             return held
 
 
-def summarise(arena: Arena, before: Sequence[Brick | None], after: Sequence[Brick]) -> list[bool]:
-    """Note what each brick of `after` lies between; return whether it differs from that of `before`, None for zeros."""
+def summarise(arena: Arena, before: Sequence[Brick | None], after: Sequence[Held]) -> list[Brick | None]:
+    """Return what has come of bricks: None for zeros, the one of `before` where no delta is another one.
+
+    after: where each lies now. It is not written to any more.
+    """
     if not after:
         return []
     found = np.empty((len(after), 3), np.int32)
-    held = [None if brick is None else brick.hold() for brick in before], [brick.hold() for brick in after]
-    old, new = (np.array([NONE if each is None else each.slot for each in one], np.int32) for one in held)
+    held = [None if brick is None else brick.hold() for brick in before]
+    old, new = (np.array([NONE if each is None else each.slot for each in one], np.int32) for one in (held, after))
     _compare(arena.deltas.reshape(-1), old, new, found)
-    rows = found.tolist()
-    for brick, (low, high, _) in zip(after, rows, strict=True):
-        brick.low, brick.high = low, high
-    return [bool(differs) for _, _, differs in rows]
+    bricks: list[Brick | None] = []
+    for old_brick, slot, (low, high, differs) in zip(before, after, found.tolist(), strict=True):
+        if not differs:
+            bricks.append(old_brick)
+        elif low == high == 0:
+            bricks.append(None)
+        else:
+            bricks.append(brick := Brick(arena, slot, low, high))
+            arena.settle(brick, slot.slot)
+    return bricks
 
 
 @kernel

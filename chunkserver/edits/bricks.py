@@ -72,16 +72,10 @@ class Bricks:
 
         Raises `StoreFull` if the arena has no room, and whatever `field` raises: then nothing has happened.
         """
-        draft = Draft(self.get, self.arena, field)
+        draft = Draft(self._at.of, self.arena, field)
         draft.fold(edits)
         draft.filter_up(self.lods)
-        return self._after(draft.fresh, revision)
-
-    def _after(self, fresh: Mapping[Key, Brick | None], revision: int) -> "Bricks":
-        """Return the bricks of the next revision: some of them fresh, or gone."""
-        for brick in fresh.values():
-            if brick is not None:
-                brick.settle()
+        fresh = draft.settled()
         after = Bricks(self.lods, self.arena, revision)
         after._at = self._at.changed(fresh)
         after.changed = frozenset(fresh)

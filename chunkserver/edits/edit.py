@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from chunkserver.edits.arena import BRICK_BITS
@@ -52,6 +53,10 @@ class Edit:
     def digest(self) -> bytes:
         """Of the source: equal edits have equal digests."""
         return hashlib.blake2b(self.source, digest_size=DIGEST_BYTES).digest()
+
+    def within(self, boxes: NDArray[np.int64]) -> "Edit":
+        """Return the edit with other boxes of its strokes, as `Brushes` has them, within those that they have."""
+        return Edit(self.source, self.strokes, self.brushes._replace(boxes=boxes))
 
     @classmethod
     def of(cls, strokes: object) -> "Edit":

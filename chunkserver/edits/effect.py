@@ -16,6 +16,7 @@ from chunkserver.edits.brushes import ADD, CARVE, DELTA, FILL, STRENGTH, Brushes
 from chunkserver.edits.cubes import met
 from chunkserver.edits.edit import Edit
 from chunkserver.edits.strokes import FIELD_MAX, UNITS_PER_VOXEL, Delta
+from chunkserver.kernel import inlined, kernel
 
 SIDE: Final = 4
 """A stroke's box is looked at in so many parts along each axis."""
@@ -25,9 +26,8 @@ SLACK: Final = 2.0**-10
 
 _LIMIT: Final = float(FIELD_MAX)
 _NOWHERE: Final = np.array([[1], [0]])
-_EVEN: Final = np.arange(0, 2 * SIDE, 2)
-_STEPS: Final = np.arange(float(SIDE))
-_PLACES: Final = np.array([[0, 0, 0], [SIDE - 1, SIDE - 1, SIDE - 1]])
+_ALL: Final = np.array([[0, 0, 0], [SIDE - 1, SIDE - 1, SIDE - 1]])
+"""The parts of a box: the first and the last one."""
 
 _Doubles = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -39,13 +39,15 @@ Bounds = Callable[[_Doubles, _Doubles], tuple[_Doubles, _Doubles]]
 voxels; returns lowest and highest density of each, (n,) float64, voxels; infinite where it is not known."""
 
 
-def changed(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[_Ints] = ()) -> _Ints:
-    """Return boxes of lattice points of LOD 0: outside them the edit changes no delta. None where it changes nothing.
+def narrowed(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[_Ints] = ()) -> Edit:
+    """Return the edit with smaller boxes of lattice points: outside them no stroke changes a delta.
 
-    bricks: the deltas that are known. unfolded: boxes outside which they are right: what this has returned for the
-        edits that come before this one and are not in the bricks yet.
+    A box has no point where its stroke changes nothing. To work out the strokes in these boxes alone makes the same
+    deltas as in those of `Brushes.of`.
 
-    Returns (n, 2, 3) int64: first and last point x, y, z of each.
+    bricks: the deltas that are known. unfolded: boxes outside which they are right: (n, 2, 3) int64, first and last
+        point x, y, z of each; those that this has found for the edits that come before this one and are not in the
+        bricks yet.
     """
     of = edit.brushes
     does = (of.points() > 0) & _weighs(of)
@@ -59,7 +61,7 @@ def changed(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[_Ints
         _tighten_values(stroke.deltas(), boxes[n])
     if len(cuts):
         _tighten_cuts(cuts, of, known, bricks, bounds)
-    return boxes[(boxes[:, 0] <= boxes[:, 1]).all(axis=1)]
+    return edit.within(boxes)
 
 
 def _weighs(of: Brushes) -> _Flags:
@@ -83,74 +85,122 @@ def _tighten_cuts(cuts: _Ints, of: Brushes, boxes: _Ints, bricks: Bricks, bounds
 
     cuts: which strokes these are. boxes: those outside which deltas are known, then those of all strokes, in and out.
     """
-    nearest, low, high = _parts(of.part(cuts))
-    lowest, highest = (found.reshape(nearest.shape) for found in bounds(low.reshape(3, -1), high.reshape(3, -1)))
-    least, most = _known(of.boxes[cuts], low, high, bricks)
-    carved = (-nearest - np.maximum(lowest, -_LIMIT)) * UNITS_PER_VOXEL >= least
-    filled = (nearest - np.minimum(highest, _LIMIT)) * UNITS_PER_VOXEL <= most
-    flags = np.where(of.ops[cuts, None] == CARVE, carved, filled)
-    for n, at in enumerate((len(boxes) - len(of.ops) + cuts).tolist()):
-        box, first, last = boxes[at], low[:, n], high[:, n]
-        near = boxes[:at][((boxes[:at, 0] <= box[1]) & (boxes[:at, 1] >= box[0])).all(axis=1)]
-        where = flags[n]
-        if len(near):
-            meets = (near[:, 0, :, None] <= last) & (near[:, 1, :, None] >= first)
-            where = where | meets.all(axis=1).any(axis=0)
-        if where.any():
-            box[0] = np.maximum(box[0], np.ceil(first[:, where].min(axis=1)))
-            box[1] = np.minimum(box[1], np.floor(last[:, where].max(axis=1)))
-        else:
-            box[:] = _NOWHERE
+    cut = of.part(cuts)
+    corners, nearest = np.empty((2, 3, len(cuts) * PARTS)), np.empty(len(cuts) * PARTS)
+    _write_parts(cut.shapes, cut.numbers, cut.boxes, _ALL, np.empty((3, SIDE)), corners, nearest)
+    lowest, highest = bounds(corners[0], corners[1])
+    cubes = met(np.zeros(len(cuts), np.int64), cut.boxes, BRICK_BITS)
+    known = [(brick.low, brick.high) if brick else (0, 0) for brick in map(bricks.get, cubes.places())]
+    which, near = len(boxes) - len(of.ops) + cuts, np.empty(len(boxes), np.int64)
+    _tighten(cut.ops, corners, nearest, lowest, highest, np.array(known), cubes.grids, cubes.starts, which, near, boxes)
 
 
-def _parts(of: Brushes) -> tuple[_Doubles, _Doubles, _Doubles]:
-    """Return how near the shape is to each part of its stroke's box at least, (n, PARTS), and low and high corners.
+@kernel
+def _write_parts(
+    shapes: _Ints,
+    numbers: _Doubles,
+    boxes: _Ints,
+    places: _Ints,
+    along: _Doubles,
+    corners: _Doubles,
+    nearest: _Doubles,
+) -> None:
+    """Write low and high corners of all parts, and how near to them the shape is at least; in the order (y, z, x).
 
-    Corners are (3, n, PARTS), x, y, z; parts are in the order (y, z, x).
+    places: the first and the last part. along: (3, SIDE) scratch.
     """
-    count = len(of.ops)
-    begin = of.boxes[:, 0].astype(np.float64)
-    side = (of.boxes[:, 1] - begin) / SIDE
-    nearest, low, high = np.empty((count, PARTS)), *np.empty((2, 3, count, SIDE, SIDE, SIDE))
-    middles = (begin - of.numbers[:, :3] + 0.5 * side)[:, :, None] + side[:, :, None] * _STEPS
-    for axis, spread in ((0, (-1, 1, 1, SIDE)), (1, (-1, SIDE, 1, 1)), (2, (-1, 1, SIDE, 1))):
-        edges = begin[:, axis, None] + side[:, axis, None] * _STEPS
-        low[axis] = (edges - SLACK).reshape(spread)
-        high[axis] = (edges + (side[:, axis, None] + SLACK)).reshape(spread)
-    for n, shape in enumerate(of.shapes.tolist()):
-        write_distances(shape, of.numbers[n], middles[n], _PLACES, nearest[n])
-    nearest -= 0.5 * np.sqrt((side * side) @ np.ones(3))[:, None] + SLACK
-    return nearest, low.reshape(3, count, PARTS), high.reshape(3, count, PARTS)
+    for n in range(shapes.size):
+        across = 0.0
+        for axis in range(3):
+            first = np.float64(boxes[n, 0, axis])
+            side = (np.float64(boxes[n, 1, axis]) - first) / SIDE
+            across += side * side
+            period = SIDE if axis == 2 else SIDE * SIDE if axis == 1 else 1
+            for i in range(SIDE):
+                along[axis, i] = first - numbers[n, axis] + side * (i + 0.5)
+            for i in range(PARTS):
+                begin = first + side * (i // period % SIDE)
+                corners[0, axis, n * PARTS + i] = begin - SLACK
+                corners[1, axis, n * PARTS + i] = begin + side + SLACK
+        found = nearest[n * PARTS : (n + 1) * PARTS]
+        write_distances(shapes[n], numbers[n], along, places, found)
+        found -= 0.5 * np.sqrt(across) + SLACK
 
 
-def _known(boxes: _Ints, low: _Doubles, high: _Doubles, bricks: Bricks) -> tuple[_Ints, _Ints]:
-    """Return what deltas lie between in each part of boxes, so far as bricks know: (n, PARTS) int64."""
-    cubes = met(np.zeros(len(boxes), np.int64), boxes, BRICK_BITS)
-    found = [(brick.low, brick.high) if brick else (0, 0) for brick in map(bricks.get, cubes.places())]
-    least, most = np.zeros((2, len(boxes), PARTS), np.int64)
-    if any(map(any, found)):
-        ends = np.array(found)[cubes.grids]
-        for n, start in enumerate(cubes.starts.tolist()):
-            least[n], most[n] = _of_parts(ends[start:], boxes[n], low[:, n], high[:, n])
+@kernel
+def _tighten(
+    ops: _Ints,
+    corners: _Doubles,
+    nearest: _Doubles,
+    lowest: _Doubles,
+    highest: _Doubles,
+    known: _Ints,
+    grids: _Numbers,
+    starts: _Ints,
+    which: _Ints,
+    near: _Ints,
+    boxes: _Ints,
+) -> None:
+    """known: (bricks, 2), lowest and highest delta of each. grids, starts: as `Cubes` has them; which: of the boxes.
+
+    near: (boxes,) scratch.
+    """
+    part, all_parts = np.empty((2, 2, 3), np.int64)
+    for n in range(ops.size):
+        box = boxes[which[n]]
+        count = 0
+        for other in range(which[n]):
+            if _meet(boxes[other], box):
+                near[count] = other
+                count += 1
+        all_parts[0], all_parts[1], does = box[1], box[0], False
+        for i in range(n * PARTS, (n + 1) * PARTS):
+            for axis in range(3):
+                part[0, axis] = max(box[0, axis], np.int64(-np.floor(-corners[0, axis, i])))
+                part[1, axis] = min(box[1, axis], np.int64(np.floor(corners[1, axis, i])))
+            if part[0, 0] > part[1, 0] or part[0, 1] > part[1, 1] or part[0, 2] > part[1, 2]:
+                continue
+            least, most = _between(known, grids[starts[n] :], box, part)
+            if ops[n] == CARVE:
+                changes = (-nearest[i] - max(lowest[i], -_LIMIT)) * UNITS_PER_VOXEL >= least
+            else:
+                changes = (nearest[i] - min(highest[i], _LIMIT)) * UNITS_PER_VOXEL <= most
+            for other in range(count):
+                if changes:
+                    break
+                changes = _meet(boxes[near[other]], part)
+            if changes:
+                does = True
+                for axis in range(3):
+                    all_parts[0, axis] = min(all_parts[0, axis], part[0, axis])
+                    all_parts[1, axis] = max(all_parts[1, axis], part[1, axis])
+        if does:
+            box[:] = all_parts
+        else:
+            box[0], box[1] = 1, 0
+
+
+@inlined
+def _meet(one: _Ints, other: _Ints) -> bool:
+    """Return whether there is a point in both; there is one in the other."""
+    meet = True
+    for axis in range(3):
+        low, high = one[0, axis], one[1, axis]
+        meet &= low <= high and low <= other[1, axis] and high >= other[0, axis]
+    return meet
+
+
+@inlined
+def _between(known: _Ints, grid: _Numbers, box: _Ints, part: _Ints) -> tuple[np.int64, np.int64]:
+    """Return what deltas lie between in a part of a box. grid: the numbers of the bricks that the box meets."""
+    x, y, z = box[0, 0] >> BRICK_BITS, box[0, 1] >> BRICK_BITS, box[0, 2] >> BRICK_BITS
+    along, across = (box[1, 0] >> BRICK_BITS) - x + 1, (box[1, 2] >> BRICK_BITS) - z + 1
+    least, most, is_first = np.int64(0), np.int64(0), True
+    for b in range((part[0, 1] >> BRICK_BITS) - y, (part[1, 1] >> BRICK_BITS) - y + 1):
+        for c in range((part[0, 2] >> BRICK_BITS) - z, (part[1, 2] >> BRICK_BITS) - z + 1):
+            for a in range((part[0, 0] >> BRICK_BITS) - x, (part[1, 0] >> BRICK_BITS) - x + 1):
+                brick = grid[(b * across + c) * along + a]
+                least = known[brick, 0] if is_first else min(least, known[brick, 0])
+                most = known[brick, 1] if is_first else max(most, known[brick, 1])
+                is_first = False
     return least, most
-
-
-def _of_parts(ends: _Ints, box: _Ints, low: _Doubles, high: _Doubles) -> tuple[_Ints, _Ints]:
-    """Return what deltas lie between in each part of a box. ends: (bricks or more, 2), of each brick, (y, z, x)."""
-    x, y, z = (np.diff(box >> BRICK_BITS, axis=0)[0] + 1).tolist()
-    lows, highs = ends[: x * y * z].reshape(y, z, x, 2).transpose(3, 0, 1, 2)
-    for axis, (of, step) in enumerate(((1, SIDE * SIDE), (2, SIDE), (0, 1))):
-        first, last = box[:, of]
-        spans = np.empty(2 * SIDE, np.int64)
-        spans[::2] = np.clip(np.floor(low[of, : step * SIDE : step]), first, last)
-        spans[1::2] = np.clip(np.ceil(high[of, : step * SIDE : step]), first, last)
-        spans = (spans >> BRICK_BITS) - (first >> BRICK_BITS)
-        spans[1::2] += 1
-        lows = np.minimum.reduceat(_padded(lows, axis), spans, axis).take(_EVEN, axis)
-        highs = np.maximum.reduceat(_padded(highs, axis), spans, axis).take(_EVEN, axis)
-    return lows.reshape(-1), highs.reshape(-1)
-
-
-def _padded(values: _Ints, axis: int) -> _Ints:
-    """Return the values with the last ones once more: `reduceat` takes no end beyond the last."""
-    return np.concatenate([values, values.take([-1], axis)], axis)

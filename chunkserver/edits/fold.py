@@ -3,47 +3,36 @@
 Whatever is no integer is rounded by one rule, floor(x + 1/2), so the same strokes make the same deltas on any machine.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits.arena import Holds
+from chunkserver.edits.arena import Arena
 from chunkserver.edits.brushes import ADD, CARVE, DEPTH, STRENGTH, write_distances
-from chunkserver.edits.reading import GATHER, SCATTER, copy
+from chunkserver.edits.cubes import Cubes
+from chunkserver.edits.page import Page, gather, put
 from chunkserver.edits.runs import Run
 from chunkserver.edits.strokes import UNITS_PER_VOXEL
 from chunkserver.kernel import choose, kernel
 
 _Deltas = NDArray[np.int32]
 _Ints = NDArray[np.int64]
+_Flags = NDArray[np.bool_]
 _Floats = NDArray[np.float32]
 _Doubles = NDArray[np.float64]
 
 
-class Grids(NamedTuple):
-    """The slots of the bricks that boxes meet.
-
-    slots: (n,) int32, of each brick or NONE: (y, z, x) for a box, one box after the other. starts: (boxes,) int64,
-        where those of each box begin. held: the bricks stay there for as long as this is kept.
-    """
-
-    slots: _Deltas
-    starts: _Ints
-    held: Holds
-
-
-def fold(arena: _Deltas, run: Run, grids: Grids) -> None:
+def fold(arena: Arena, run: Run, cubes: Cubes, page: Page) -> None:
     """Change bricks by strokes, one after the other, that are not worked out alone.
 
-    arena: (slots, BRICK_DELTAS) int32, C order, in and out. Deltas stay within DELTA_MAX, which is not checked here:
-        `Headroom` refuses what could pass it. grids: the bricks that their boxes meet, all of them there.
+    Deltas stay within DELTA_MAX, which is not checked here: `Headroom` refuses what could pass it. cubes, page: the
+    bricks that their boxes meet.
     """
     of = run.of
     sides = of.boxes[:, 1] - of.boxes[:, 0] + 1
     most = int(sides.prod(axis=1).max())
     deltas, distances, along = np.empty(most, np.int32), np.empty(most), np.empty((3, int(sides.max())))
-    _fold(arena.reshape(-1), *of, grids.slots, grids.starts, run.field, run.starts, deltas, distances, along)
+    plain = arena.deltas.reshape(-1)
+    _fold(plain, *of, *page, cubes.grids, cubes.starts, run.field, run.starts, deltas, distances, along)
 
 
 @kernel
@@ -54,17 +43,21 @@ def _fold(
     numbers: _Doubles,
     boxes: _Ints,
     slots: _Deltas,
-    grids: _Ints,
+    owned: _Flags,
+    spare: _Deltas,
+    used: _Ints,
+    grids: _Deltas,
+    begins: _Ints,
     field: _Floats,
     starts: _Ints,
     deltas: _Deltas,
     distances: _Doubles,
     along: _Doubles,
 ) -> None:
-    """grids: where the slots of each begin. deltas, distances: (points of the largest box,); along: (3, its side)."""
+    """begins: where the grid of each begins. deltas, distances: (points of the largest box,); along: (3, its side)."""
     for n in range(ops.size):
-        op, p, box, start = ops[n], numbers[n], boxes[n], starts[n]
-        copy(arena, slots[grids[n] :], box, deltas, GATHER)
+        op, p, box, start, grid = ops[n], numbers[n], boxes[n], starts[n], grids[begins[n] :]
+        gather(arena, slots, grid, box, deltas)
         for axis in range(3):
             low, count = box[0, axis], box[1, axis] - box[0, axis] + 1
             for i in range(count):
@@ -75,7 +68,7 @@ def _fold(
             _add(p[STRENGTH] * UNITS_PER_VOXEL, p[DEPTH], distances, points, deltas)
         else:
             _cut(op == CARVE, distances, field, start, points, deltas)
-        copy(arena, slots[grids[n] :], box, deltas, SCATTER)
+        put(arena, slots, owned, spare, used, grid, box, deltas)
 
 
 @kernel

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from chunkserver.edits.bricks import Bricks
 from chunkserver.edits.draft import ROOM_FACTOR
 from chunkserver.edits.edit import Edit
-from chunkserver.edits.effect import Bounds, changed
+from chunkserver.edits.effect import Bounds, narrowed
 from chunkserver.edits.headroom import Headroom
 from chunkserver.edits.keys import Key
 from chunkserver.edits.parts import Change, restored
@@ -40,14 +40,14 @@ UNFOLDED_MAX: Final = 4096
 class Taken(NamedTuple):
     """An edit that was taken, and may be written.
 
-    stale: the chunks that it may change. weight: bytes that noting these may take. boxes: outside which it changes no
-        delta. bricks: those that are written to for it.
+    edit: with boxes outside which it changes no delta. boxes: those of its strokes that have a point. stale: the chunks
+        that it may change. weight: bytes that noting these may take. bricks: those that are written to for it.
     """
 
     edit: Edit
+    boxes: NDArray[np.int64]
     stale: Sequence[Range]
     weight: int
-    boxes: NDArray[np.int64]
     bricks: frozenset[Key]
 
     @property
@@ -142,9 +142,10 @@ class History:
         then: all that it could change in any field counts too.
         """
         edit, ranges = Edit.read(source), read_ranges(told)
+        boxes = edit.brushes.with_points()
         if on_other_ground:
-            ranges += stale(edit.brushes.with_points(), self._cells, self.bricks.lods)
-        taken = _taken(edit, ranges, edit.brushes.with_points(), self.bricks.lods)
+            ranges += stale(boxes, self._cells, self.bricks.lods)
+        taken = _taken(edit, boxes, ranges, self.bricks.lods)
         self._count(taken, 1)
         self._unfolded.append(taken)
         self.revision += 1
@@ -248,10 +249,11 @@ class History:
 
 
 def _measured(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[NDArray[np.int64]], cells: int) -> Taken:
-    boxes = changed(edit, bricks, bounds, unfolded)
-    return _taken(edit, stale(boxes, cells, bricks.lods), boxes, bricks.lods)
+    found = narrowed(edit, bricks, bounds, unfolded)
+    boxes = found.brushes.with_points()
+    return _taken(found, boxes, stale(boxes, cells, bricks.lods), bricks.lods)
 
 
-def _taken(edit: Edit, ranges: Sequence[Range], boxes: NDArray[np.int64], lods: int) -> Taken:
-    bricks = bricks_met(edit.brushes.with_points(), np.arange(lods)).places()
-    return Taken(edit, ranges, GROUP_WEIGHT * groups_met(ranges), boxes, frozenset(bricks))
+def _taken(edit: Edit, boxes: NDArray[np.int64], ranges: Sequence[Range], lods: int) -> Taken:
+    bricks = bricks_met(boxes, np.arange(lods)).places()
+    return Taken(edit, boxes, ranges, GROUP_WEIGHT * groups_met(ranges), frozenset(bricks))

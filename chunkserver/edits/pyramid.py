@@ -5,10 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits.arena import BRICK, BRICK_BITS, BRICK_DELTAS
+from chunkserver.edits.arena import BRICK, BRICK_BITS, BRICK_DELTAS, Arena
 from chunkserver.edits.cubes import Cubes, met
-from chunkserver.edits.fold import Grids
-from chunkserver.edits.reading import GATHER, SCATTER, copy
+from chunkserver.edits.page import Page, gather, put
 from chunkserver.kernel import kernel, spliced
 
 FINE_MAX: Final = 2 * BRICK + 1
@@ -17,25 +16,25 @@ _AROUND: Final = np.array([[-1], [1]])
 
 _Ints = NDArray[np.int32]
 _Places = NDArray[np.int64]
+_Flags = NDArray[np.bool_]
 
 
-def filter_up(arena: _Ints, read: Grids, fine: _Places, slots: _Ints, coarse: _Places) -> None:
-    """Work out deltas of parts of bricks.
+def filter_up(arena: Arena, parts: _Places, cubes: Cubes, page: Page) -> None:
+    """Work out deltas of parts of bricks, one after the other, for which a brick is owned that they read.
 
-    arena: (slots, BRICK_DELTAS) int32, C order, in and out. coarse: (parts, 2, 3) int64, first and last point x, y, z
-        of parts, each within a brick, which lies in the slot of `slots`: (parts,) int32. fine: (parts, 2, 3) int64,
-        what these read of the level below, as `finer` has it. read: the bricks that these boxes meet.
+    parts: (n, 2, 3) int64, first and last point x, y, z of parts, each within a brick; those of finer levels first.
+    cubes, page: the bricks that they read, as `read_by` has them.
     """
-    _filter_up(
-        arena.reshape(-1),
-        *read[:2],
-        fine,
-        slots,
-        coarse,
-        np.empty(FINE_MAX**3, np.int32),
-        np.empty(FINE_MAX, np.int64),
-        np.empty(BRICK_DELTAS, np.int32),
-    )
+    scratch = np.empty(FINE_MAX**3, np.int32), np.empty(FINE_MAX, np.int64), np.empty(BRICK_DELTAS, np.int32)
+    _filter_up(arena.deltas.reshape(-1), *page, cubes.grids, cubes.starts, finer(parts), parts, *scratch)
+
+
+def read_by(lods: _Places, parts: _Places) -> Cubes:
+    """Return the bricks that parts of levels read of the levels below, all of them; then those that they are parts of.
+
+    lods: (n,) int64. parts: (n, 2, 3) int64, as `filter_up` takes them.
+    """
+    return met(np.concatenate([lods - 1, lods]), np.concatenate([finer(parts), parts]), BRICK_BITS)
 
 
 def finer(parts: _Places) -> _Places:
@@ -58,22 +57,30 @@ def bricks_met(boxes: _Places, lods: _Places) -> Cubes:
 @kernel
 def _filter_up(
     arena: _Ints,
-    slots_read: _Ints,
+    slots: _Ints,
+    owned: _Flags,
+    spare: _Ints,
+    used: _Places,
+    grids: _Ints,
     starts: _Places,
     fine: _Places,
-    slots: _Ints,
     coarse: _Places,
     points: _Ints,
     sums: _Places,
     halved: _Ints,
 ) -> None:
     """points, sums, halved: scratch for what a brick reads, a row of that, and the brick."""
-    for n in range(slots.size):
-        copy(arena, slots_read[starts[n] :], fine[n], points, GATHER)
-        width, rows = fine[n, 1, 0] - fine[n, 0, 0] + 1, fine[n, 1, 2] - fine[n, 0, 2] + 1
-        planes = coarse[n, 1, 1] - coarse[n, 0, 1] + 1
-        halve(points, rows, width, sums, halved[: planes * (rows // 2) * (width // 2)])
-        copy(arena, slots[n:], coarse[n], halved, SCATTER)
+    count = len(coarse)
+    for n in range(count):
+        changes = False
+        for at in range(starts[n], starts[n + 1]):
+            changes |= owned[grids[at]]
+        if changes:
+            gather(arena, slots, grids[starts[n] :], fine[n], points)
+            width, rows = fine[n, 1, 0] - fine[n, 0, 0] + 1, fine[n, 1, 2] - fine[n, 0, 2] + 1
+            planes = coarse[n, 1, 1] - coarse[n, 0, 1] + 1
+            halve(points, rows, width, sums, halved[: planes * (rows // 2) * (width // 2)])
+            put(arena, slots, owned, spare, used, grids[starts[count + n] :], coarse[n], halved)
 
 
 @spliced

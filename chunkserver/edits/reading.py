@@ -1,4 +1,4 @@
-"""Bricks and dense boxes of lattice points: deltas copied from one to the other, or added to a chunk's samples.
+"""Deltas of bricks added to a chunk's samples.
 
 A box lies in a grid of bricks. Of each of these a kernel gets the slot, or NONE where all deltas are 0:
 
@@ -13,13 +13,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from chunkserver.edits.arena import BRICK, BRICK_BITS, BRICK_DELTAS, NONE, Holds
+from chunkserver.edits.arena import BRICK, BRICK_DELTAS, NONE, Holds
 from chunkserver.edits.boxes import Place
 from chunkserver.edits.strokes import UNITS_PER_VOXEL
 from chunkserver.kernel import choose, inlined, kernel
 
-GATHER: Final = np.int64(0)
-SCATTER: Final = np.int64(1)
 VOXELS_PER_UNIT: Final = 1.0 / UNITS_PER_VOXEL
 FLOAT32_INT_MAX: Final = 1 << 24
 """Up to here all integers are float32."""
@@ -99,35 +97,3 @@ def _add(arena: _Ints, slots: _Ints, px: int, py: int, pz: int, density: NDArray
                     for i in range(np.uint64(x1 - x0)):
                         points[to + i] += np.float32(arena[at + i]) * _STEP
                     at, to = at + np.uint64(BRICK), to + np.uint64(width)
-
-
-@kernel
-def copy(arena: _Ints, slots: _Ints, box: NDArray[np.int64], points: _Ints, direction: np.int64) -> None:
-    """Copy deltas of bricks to those of a box, with 0 where there is no brick, or the other way: GATHER or SCATTER.
-
-    arena: (n,) int32, in or out. slots: (at least as many as there are bricks,) int32: of the bricks that meet the box,
-        or NONE, (y, z, x). box: (2, 3) int64, first and last point x, y, z. points: (y * z * x,) int32, out or in.
-    """
-    x0, y0, z0, x1, y1, z1 = box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2]
-    first, last = x0 >> BRICK_BITS, x1 >> BRICK_BITS
-    along, across = last - first + 1, (z1 >> BRICK_BITS) - (z0 >> BRICK_BITS) + 1
-    to = np.uint64(0)
-    for y in range(y0, y1 + 1):
-        for z in range(z0, z1 + 1):
-            brick = (((y >> BRICK_BITS) - (y0 >> BRICK_BITS)) * across + (z >> BRICK_BITS) - (z0 >> BRICK_BITS)) * along
-            row = ((y & BRICK - 1) * BRICK + (z & BRICK - 1)) * BRICK
-            for d in range(along):
-                start = max(x0, (first + d) * BRICK)
-                count = np.uint64(min(x1, (first + d) * BRICK + BRICK - 1) - start + 1)
-                slot = np.int64(slots[brick + d])
-                at = np.uint64(slot * BRICK_DELTAS + row + (start & BRICK - 1))
-                if direction == SCATTER:
-                    for i in range(count):
-                        arena[at + i] = points[to + i]
-                elif slot == NONE:
-                    for i in range(count):
-                        points[to + i] = 0
-                else:
-                    for i in range(count):
-                        points[to + i] = arena[at + i]
-                to += count

@@ -1,6 +1,6 @@
 """A mapping that never changes: the next one is made of it, and shares what is the same."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, Generic, TypeVar
 
 PARTS: Final = 1 << 12
@@ -33,6 +33,11 @@ class SharedMap(Generic[_Key, _Value]):
     def get(self, key: _Key) -> _Value | None:
         """Return a key's value, None if it has none."""
         return self._parts[hash(key) % PARTS].get(key)
+
+    def of(self, keys: Sequence[_Key]) -> list[_Value | None]:
+        """Return the values of keys, None for each that has none."""
+        parts = self._parts
+        return [parts[hash(key) % PARTS].get(key) for key in keys]
 
     def changed(self, changes: Mapping[_Key, _Value | None]) -> "SharedMap[_Key, _Value]":
         """Return the mapping with other values for some keys, and without those that are changed to None."""

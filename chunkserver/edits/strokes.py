@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
 
+from chunkserver.edits.boxes import Box
 from chunkserver.grid import LATTICE_MAX
 
 UNITS_PER_VOXEL: Final = 1024
@@ -186,6 +187,12 @@ class Delta(Stroke):
         if (found := np.abs(np.frombuffer(decoded, "<i4").astype(np.int64)).max()) > UNITS_MAX:
             raise ValueError(f"the values should lie within {UNITS_MAX}, not {found}")
         return self
+
+    @property
+    def box(self) -> Box:
+        """The lattice points that have values."""
+        (x, y, z), (width, planes, rows) = self.min, self.size
+        return Box(self.min, (x + width - 1, y + planes - 1, z + rows - 1))
 
     def deltas(self) -> NDArray[np.int32]:
         """Return the values: (y, z, x) int32."""

@@ -19,6 +19,7 @@ from chunkserver.edits import Arena, Bricks, Edit, History, Taken
 from chunkserver.errors import BadStroke, ChunkError, StoreError, StoreFull, Unavailable, WorldGone
 from chunkserver.field import Ground
 from chunkserver.server.edit_counts import EditCounts
+from chunkserver.server.pace import gently
 from chunkserver.store import Store
 from chunkserver.worker import warm_edits
 from chunkserver.world import World
@@ -75,6 +76,7 @@ class EditedWorld:
         self._keeping: asyncio.Task[None] | None = None
         self._fault: Callable[[], ChunkError] | None = None
         self._closing = asyncio.Event()
+        self._is_gone = False
         self._whole, self._kept = True, history.bricks.revision
 
     @classmethod
@@ -148,6 +150,7 @@ class EditedWorld:
 
     async def drop(self) -> None:
         """Let go of a world that is gone."""
+        self._is_gone = True
         await self.close(partial(WorldGone, "the world is gone"))
         await asyncio.to_thread(self._store.snapshots.drop, self._world.epoch)
 
@@ -205,7 +208,7 @@ class EditedWorld:
 
     def _is_behind(self) -> bool:
         wanted = self._store.folder is not None or self._is_log_long()
-        return wanted and self._kept < self.history.bricks.revision
+        return wanted and not self._is_gone and self._kept < self.history.bricks.revision
 
     def _is_log_long(self) -> bool:
         return self.history.bricks.revision >= self._founds_at
@@ -216,6 +219,8 @@ class EditedWorld:
         while self._is_behind() and failures < KEEPS_FAILED_MAX:
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._closing.wait(), KEPT_SECONDS)
+            if self._is_gone:
+                return
             revision, self._whole, was_whole = self.history.bricks.revision, False, self._whole
             try:
                 self._whole = await self._put(everything=not was_whole)
@@ -229,9 +234,10 @@ class EditedWorld:
         founds = self._is_log_long()
         change = self.history.change(everything=founds or everything)
         put = partial(self._store.snapshots.put, self._world.epoch, self._world.generator, change.revision)
-        whole = await asyncio.to_thread(lambda: put(dict(change.parts()), change.gone(), change.since))
+        parts = partial(gently, is_urgent=self._closing.is_set)
+        whole = await asyncio.to_thread(lambda: put(parts(change.parts()), parts(change.gone()), change.since))
         if founds:
-            await asyncio.to_thread(self._found, change.revision, change.parts())
+            await asyncio.to_thread(self._found, change.revision, parts(change.parts()))
             self._sweep()
         return whole
 

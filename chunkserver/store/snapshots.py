@@ -74,20 +74,20 @@ class Snapshots:
         epoch: str,
         generator: str,
         revision: int,
-        changed: Mapping[bytes, bytes],
+        changed: Iterable[tuple[bytes, bytes]],
         removed: Iterable[bytes] = (),
         since: int | None = None,
     ) -> bool:
         """Change the snapshot of a world to that of `revision`, in one transaction.
 
-        changed: parts that are new or other than at `since`.
+        changed: parts that are new or other than at `since`, names and contents.
         removed: names of parts that were there at `since`, and are no more.
         since: the revision of the snapshot that is changed; None: `changed` is all there is.
 
         Returns whether it was kept. If not, what is there is not of `since`, or is lost: put all of it.
         """
-        rows = [(epoch, name, zlib.crc32(content), content) for name, content in changed.items()]
-        gone = [(epoch, name) for name in removed]
+        rows = ((epoch, name, zlib.crc32(content), content) for name, content in changed)
+        gone = ((epoch, name) for name in removed)
 
         def change(connection: apsw.Connection) -> bool:
             with connection:

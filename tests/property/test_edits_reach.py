@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from chunkserver.edits import Bricks, Edit
 from chunkserver.edits.boxes import Box
-from chunkserver.edits.effect import changed
+from chunkserver.edits.effect import narrowed
 from chunkserver.edits.reach import Range, stale
 from chunkserver.grid import MASK_MAX
 from chunkserver.recipe import WorldRecipe, builtin
@@ -91,7 +91,7 @@ def test_what_changes_is_stale_and_little_else(rng):
             middle = near_surface(recipe, rng)
             edit = Edit.of([op_of(rng, op, middle) | shape_of(rng, shape, middle, float(rng.uniform(2, 14)))])
             after = bricks.apply([edit], revision, field_of(recipe))
-            said = set(chunks_in(stale(changed(edit, bricks, bounds_of(recipe)), CELLS, LODS)))
+            said = set(chunks_in(stale(narrowed(edit, bricks, bounds_of(recipe)).brushes.with_points(), CELLS, LODS)))
             found = chunks_changed(differing(bricks, after))
             assert found <= said, (world, edit.source, sorted(found - said)[:3])
             listed.update(lod for lod, *_ in said)

@@ -75,4 +75,4 @@ def keep(folder: Path, revision: int, change: Callable[[dict[bytes, bytes]], obj
     with closing(Store(folder)) as store:
         world, parts = made(store, name, revision)
         change(parts)
-        assert store.snapshots.put(world.epoch, world.generator, revision, parts)
+        assert store.snapshots.put(world.epoch, world.generator, revision, parts.items())

@@ -2,15 +2,15 @@
 
 import base64
 import gc
-from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from chunkserver.edits import Bricks, Edit, draft, runs
-from chunkserver.edits.arena import Arena, Brick
+from chunkserver.edits.arena import Arena, Held
 from chunkserver.edits.boxes import Box
+from chunkserver.edits.page import Page
 from chunkserver.edits.pyramid import bricks_met, halve
 from chunkserver.errors import StoreFull
 from tests.reference import strokes_twin as twin
@@ -83,19 +83,20 @@ def test_a_batch_is_its_edits_one_by_one(at_once_max, rng, monkeypatch):
 
 def test_all_bricks_that_are_made_were_foreseen(rng, monkeypatch):
     """Room is kept for those of `bricks_met`, and for no other one."""
-    made: list[Brick] = []
-    fresh = Brick.fresh
+    made: list[int] = []
+    take = Arena.take
 
-    def counted(arena: Arena, like: Brick | None = None) -> Brick:
-        made.append(fresh(arena, like))
-        return made[-1]
+    def counted(arena: Arena, count: int) -> list[Held]:
+        taken = take(arena, count)
+        made.append(arena.taken)
+        return taken
 
-    monkeypatch.setattr(Brick, "fresh", counted)
+    monkeypatch.setattr(Arena, "take", counted)
     for _ in range(20):
         made.clear()
         edit = Edit.of([random_stroke(rng, tuple(rng.uniform(-30, 30, 3)), 4.0) for _ in range(6)])
         no_bricks(lods=6).apply([edit], 1, flat)
-        assert 0 < len(made) <= len(bricks_met(edit.brushes.with_points(), np.arange(6)).keys)
+        assert 0 < max(made) <= len(bricks_met(edit.brushes.with_points(), np.arange(6)).keys)
 
 
 def test_add_strokes_in_any_order(rng):
@@ -179,28 +180,23 @@ def test_bricks_are_packed_when_others_want_their_slots():
     assert contents(small) == contents(large)
 
 
-def test_a_brick_is_copied_before_its_slot_is_another_s():
+def test_what_is_worked_on_stays_where_it_is(monkeypatch):
     """Another thread that wants slots gets its turn in the middle."""
-    arena = small_arena(2)
-    brick = Brick.fresh(arena)
-    arena.deltas[:] = 7
-    brick.settle()
-    turns: list[int] = []
-    others = []
+    seven = base64.b64encode(bytes([7, 0, 0, 0])).decode()
+    edit = Edit.of([{"op": "delta", "min": [0, 0, 0], "size": [1, 1, 1], "values": seven}])
+    bricks = Bricks(1, small_arena(2)).apply([edit], 1, flat)
+    write = Page.write
 
-    class Interrupted(np.ndarray):
-        def __getitem__(self, slot):
-            if not turns:
-                turns.append(slot)
-                with suppress(StoreFull):
-                    others.append(arena.take())
-                    np.asarray(self)[others[0].slot] = 99
-            return super().__getitem__(slot)
+    def interrupted(page: Page, arena: Arena, *given) -> None:
+        for _, brick in bricks:
+            brick.let_go()
+        with pytest.raises(StoreFull):
+            arena.take(1)
+        write(page, arena, *given)
 
-    arena.deltas = arena.deltas.view(Interrupted)
-    copy = Brick.fresh(arena, brick)
-    assert (np.asarray(arena.deltas)[copy.hold().slot] == 7).all()
-    assert turns
+    monkeypatch.setattr(Page, "write", interrupted)
+    [(_, brick)] = bricks.apply([edit], 2, flat)
+    assert brick.high == 14
 
 
 def test_the_weight_of_packed_bricks_is_known():

@@ -8,10 +8,10 @@ import pytest
 
 from chunkserver.edits import Edit
 from chunkserver.edits.boxes import Box
-from chunkserver.edits.effect import changed
+from chunkserver.edits.effect import narrowed
 from chunkserver.edits.reach import stale
 from chunkserver.grid import LATTICE_MAX
-from tests.strokes import delta_of, no_bricks
+from tests.strokes import delta_of, no_bricks, random_stroke
 
 HERE = np.zeros((1, 2, 3), np.int64)
 
@@ -19,6 +19,11 @@ HERE = np.zeros((1, 2, 3), np.int64)
 def plane_bounds(low, high):
     """Bound the field y = 0."""
     return low[1], high[1]
+
+
+def changed(edit: Edit, *known):
+    """Return the boxes outside which an edit changes nothing."""
+    return narrowed(edit, *known).brushes.with_points()
 
 
 def flat(box: Box):
@@ -154,3 +159,19 @@ def test_chunks_end_where_the_world_does():
         for at in stale(np.array([[[end - 9, 0, end - 9], [end + 9, 9, end + 9]]]), 64):
             limit = LATTICE_MAX // (64 << at.lod)
             assert all(-limit <= low <= high < limit for low, high in zip(at.low, at.high, strict=True))
+
+
+@pytest.mark.parametrize("x", [0.0, 2.0**39])
+def test_strokes_in_narrowed_boxes_make_the_same_deltas(x, rng):
+    narrow, wide = (no_bricks(lods=4) for _ in range(2))
+    smaller = 0
+    for revision in range(1, 40):
+        place = (x + rng.uniform(-40, 40), rng.uniform(-60, 60), rng.uniform(-40, 40))
+        edit = Edit.of([random_stroke(rng, place, 6.0) for _ in range(3)])
+        less = narrowed(edit, narrow, plane_bounds)
+        smaller += less.brushes.points().sum() < edit.brushes.points().sum()
+        narrow, wide = narrow.apply([less], revision, flat), wide.apply([edit], revision, flat)
+        assert {key: brick.deltas.tobytes() for key, brick in narrow} == {
+            key: brick.deltas.tobytes() for key, brick in wide
+        }
+    assert smaller > 3

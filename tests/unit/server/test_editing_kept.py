@@ -184,11 +184,11 @@ def test_a_snapshot_that_is_not_of_this_world_is_not_used(tmp_path, folded, spoi
         folded.clear()
         snapshots = Snapshots(tmp_path)
         if spoiled == "part":
-            assert snapshots.put(world.epoch, world.generator, 6, {b"B" + bytes(25): b"none"}, (), 6)
+            assert snapshots.put(world.epoch, world.generator, 6, {b"B" + bytes(25): b"none"}.items(), (), 6)
         elif spoiled == "generator":
-            assert snapshots.put(world.epoch, "another", 6, {})
+            assert snapshots.put(world.epoch, "another", 6, {}.items())
         else:
-            assert snapshots.put(world.epoch, world.generator, 7, {}, (), 6)
+            assert snapshots.put(world.epoch, world.generator, 7, {}.items(), (), 6)
         snapshots.close()
         async with editing(tmp_path) as (edits, world):
             await edits.open(world)

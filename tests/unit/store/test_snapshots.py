@@ -16,29 +16,29 @@ def kept(request, tmp_path):
 
 def test_what_was_put_is_loaded(kept):
     assert kept.load("e", "g") is None
-    assert kept.put("e", "g", 7, PARTS)
-    assert kept.put("other", "g", 1, {b"brick 1": b"another world's"})
+    assert kept.put("e", "g", 7, PARTS.items())
+    assert kept.put("other", "g", 1, {b"brick 1": b"another world's"}.items())
     assert kept.load("e", "g") == (7, PARTS)
     assert kept.load("e", "another") is None
     assert kept.load("nobody", "g") is None
 
 
 def test_a_snapshot_is_changed_from_the_one_before(kept):
-    kept.put("e", "g", 7, PARTS)
-    assert kept.put("e", "g", 9, {b"brick 1": b"new", b"brick 3": b"c"}, [b"brick 2"], since=7)
+    kept.put("e", "g", 7, PARTS.items())
+    assert kept.put("e", "g", 9, {b"brick 1": b"new", b"brick 3": b"c"}.items(), [b"brick 2"], since=7)
     changed = {b"brick 1": b"new", b"brick 3": b"c", b"chunks": b""}
     assert kept.load("e", "g") == (9, changed)
-    assert not kept.put("e", "g", 10, {b"brick 1": b"x"}, since=8), "changes since something else"
-    assert not kept.put("e", "another", 10, {b"brick 1": b"x"}, since=9)
-    assert not kept.put("nobody", "g", 10, {b"brick 1": b"x"}, since=9)
+    assert not kept.put("e", "g", 10, {b"brick 1": b"x"}.items(), since=8), "changes since something else"
+    assert not kept.put("e", "another", 10, {b"brick 1": b"x"}.items(), since=9)
+    assert not kept.put("nobody", "g", 10, {b"brick 1": b"x"}.items(), since=9)
     assert kept.load("e", "g") == (9, changed)
-    assert kept.put("e", "another", 3, {b"all": b"x"})
+    assert kept.put("e", "another", 3, {b"all": b"x"}.items())
     assert (kept.load("e", "another"), kept.load("e", "g")) == ((3, {b"all": b"x"}), None)
 
 
 def test_worlds_that_are_gone_are_dropped(kept):
     for epoch in ("a", "b", "c"):
-        kept.put(epoch, "g", 1, PARTS)
+        kept.put(epoch, "g", 1, PARTS.items())
     kept.keep(["b", "new"])
     assert [epoch for epoch in ("a", "b", "c") if kept.load(epoch, "g")] == ["b"]
     assert kept._connection.execute("SELECT count(*) FROM parts").get == len(PARTS)
@@ -46,7 +46,7 @@ def test_worlds_that_are_gone_are_dropped(kept):
 
 def test_they_outlive_a_restart(tmp_path):
     with closing(Snapshots(tmp_path)) as first:
-        first.put("e", "g", 7, PARTS)
+        first.put("e", "g", 7, PARTS.items())
     with closing(Snapshots(tmp_path)) as second:
         assert second.load("e", "g") == (7, PARTS)
 
@@ -83,19 +83,19 @@ def replace(path):
 @pytest.mark.parametrize("harm", [lose, tear, scribble, rot, renew, replace])
 def test_a_damaged_file_is_made_again(tmp_path, harm):
     with closing(Snapshots(tmp_path)) as first:
-        first.put("e", "g", 7, PARTS)
+        first.put("e", "g", 7, PARTS.items())
     harm(tmp_path / FILE_NAME)
     with closing(Snapshots(tmp_path)) as second:
         assert second.load("e", "g") is None
-        assert not second.put("e", "g", 8, {}, since=7), "what it would change is not there"
-        assert second.put("e", "g", 8, PARTS)
+        assert not second.put("e", "g", 8, {}.items(), since=7), "what it would change is not there"
+        assert second.put("e", "g", 8, PARTS.items())
         assert second.load("e", "g") == (8, PARTS)
 
 
 def test_a_disk_that_fails_harms_nobody(tmp_path, caplog):
     kept = Snapshots(tmp_path / "nowhere")
     assert kept.load("e", "g") is None
-    assert not kept.put("e", "g", 7, PARTS)
+    assert not kept.put("e", "g", 7, PARTS.items())
     kept.keep([])
     kept.close()
     assert {record.levelname for record in caplog.records} == {"WARNING"}
