@@ -19,6 +19,7 @@ parser.add_argument("--edits", type=int, default=20, help="of each player")
 parser.add_argument("--seconds", type=float, default=0.1, help="between two edits of a player")
 options = parser.parse_args()
 
+both = threading.Barrier(2)  # who comes later is not told what was dug before
 KEYS = [ChunkKey(0, x, y, z) for x in (-1, 0) for y in (-1, 0) for z in (-1, 0)]
 
 
@@ -53,6 +54,7 @@ def play(client: Client, world: WorldDescriptor, name: str, radius: float) -> No
     """Be one player: one thread digs, this one looks on."""
     with client.stream(world, name) as stream:
         stream.show(*KEYS)
+        both.wait(10.0)
         digging = threading.Thread(target=dig, args=(stream, radius))
         digging.start()
         seen = look_on(client, world, stream)
