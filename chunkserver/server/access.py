@@ -38,7 +38,6 @@ GRANTED: Final = "chunkserver.scope"
 """Where the scope of what may be done stands there, if not everything may."""
 TICKET: Final = b"ticket"
 """The parameter of a WebSocket's URL that stands for a key."""
-TICKETS_PATH_END: Final = "/tickets"
 SCHEME: Final = "key"
 """What the OpenAPI document calls the way in which a key is sent."""
 STREAM: Final = "WEBSOCKET"
@@ -48,11 +47,16 @@ POLICY_VIOLATION: Final = 1008
 
 
 class Row(NamedTuple):
-    """Resources that need the same: `scope`, or nothing."""
+    """Resources that need the same: `scope`, or nothing.
+
+    looks: whether a key, or a ticket, that covers more than `scope` makes a difference: it is looked at, also where
+        none is needed.
+    """
 
     scope: Scope | None
     method: str
     paths: tuple[str, ...]
+    looks: bool = False
 
 
 NEEDS: Final = (
@@ -79,8 +83,9 @@ NEEDS: Final = (
         ),
     ),
     Row(None, "GET", ("/livez", "/readyz")),
-    Row(Scope.READ, "POST", ("/v1/worlds/{world}/chunks", "/v1/seeds/{seed}/chunks", "/v1/worlds/{world}/tickets")),
-    Row(Scope.READ, STREAM, ("/v1/worlds/{world}/stream",)),
+    Row(Scope.READ, "POST", ("/v1/worlds/{world}/chunks", "/v1/seeds/{seed}/chunks")),
+    Row(Scope.READ, "POST", ("/v1/worlds/{world}/tickets",), looks=True),
+    Row(Scope.READ, STREAM, ("/v1/worlds/{world}/stream",), looks=True),
     Row(Scope.EDIT, "POST", ("/v1/recipes", "/v1/worlds/{world}/edits")),
     Row(Scope.ADMIN, "POST", ("/v1/worlds",)),
     Row(Scope.ADMIN, "DELETE", ("/v1/worlds/{world}",)),
@@ -100,21 +105,22 @@ class Table:
         for row in rows:
             by_method[row.method].append(row)
         self._rows = {
-            method: (re.compile("|".join(map(_pattern, found))), [row.scope for row in found])
-            for method, found in by_method.items()
+            method: (re.compile("|".join(map(_pattern, found))), found) for method, found in by_method.items()
         }
         self._rows["HEAD"] = self._rows["GET"]
 
-    def needed(self, method: str, path: str) -> Scope | None:
-        """Return the scope that a request needs, or None if it needs no key."""
+    def row(self, method: str, path: str) -> Row:
+        """Return the row of a request."""
         if method == "OPTIONS":
-            return None
-        pattern, scopes = self._rows.get(method, _NO_ROWS)
+            return _FREE
+        pattern, rows = self._rows.get(method, _NO_ROWS)
         found = pattern.fullmatch(path)
-        return scopes[(found.lastindex or 1) - 1] if found else Scope.ADMIN
+        return rows[(found.lastindex or 1) - 1] if found else _SHUT
 
 
-_NO_ROWS: Final[tuple[re.Pattern[str], list[Scope | None]]] = (re.compile("(?!)"), [])
+_NO_ROWS: Final[tuple[re.Pattern[str], list[Row]]] = (re.compile("(?!)"), [])
+_FREE: Final = Row(None, "OPTIONS", ())
+_SHUT: Final = Row(Scope.ADMIN, "", ())
 
 
 class Access:
@@ -154,8 +160,8 @@ class Access:
         if asked["type"] == "lifespan":
             await self._app(asked, receive, send)
             return
-        needed = self._table.needed(asked.get("method", STREAM), asked["path"])
-        if needed is None or (needed in self._free and not _comes_with_more(asked)):
+        needed, _, _, looks = self._table.row(asked.get("method", STREAM), asked["path"])
+        if needed is None or (needed in self._free and not (looks and _comes_with_key(asked))):
             asked[GRANTED] = self._anonymous
             await self._app(asked, receive, send)
             return
@@ -172,7 +178,7 @@ class Access:
         refusals = {str(status): row for status, row in problem_responses(KeyNeeded, UnknownKey, ScopeNeeded).items()}
         for path, operations in document["paths"].items():
             for method, operation in operations.items():
-                needed = self._table.needed(method.upper(), path)
+                needed = self._table.row(method.upper(), path).scope
                 if needed is not None and needed not in self._free:
                     operation["security"] = [{SCHEME: [str(needed)]}]
                     operation["responses"] = {**refusals, **operation["responses"]}
@@ -220,10 +226,8 @@ def scope_of(asked: Asked) -> Scope:
     return Scope.READ if granted is None else granted
 
 
-def _comes_with_more(asked: Asked) -> bool:
-    """Whether a request, for which a key may say more than it needs, comes with one."""
-    if asked["type"] != "websocket" and not asked["path"].endswith(TICKETS_PATH_END):
-        return False
+def _comes_with_key(asked: Asked) -> bool:
+    """Whether a request comes with a key, or a ticket."""
     has_key = any(name == b"authorization" for name, _ in asked["headers"])
     return has_key or TICKET in dict(parse_qsl(asked.get("query_string", b"")))
 

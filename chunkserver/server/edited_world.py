@@ -33,6 +33,8 @@ MEASURED_BYTES_MAX: Final = 1 << 14
 """What an edit has at most whose effect is found out on the event loop; for a larger one in a thread."""
 ROOM_SECONDS: Final = 0.05
 """How long a fold waits for room, before it is tried again."""
+ROOM_TOLD_SECONDS: Final = 1.0
+"""After which the log says that it waits."""
 KEPT_SECONDS: Final = 5.0
 """What a start has to work out again at most, but for the time that keeping takes."""
 KEEPS_FAILED_MAX: Final = 2
@@ -45,13 +47,15 @@ _log: Final = logging.getLogger(__name__)
 class Place(NamedTuple):
     """What all worlds share.
 
-    store: where they are kept. arena: where their bricks lie. thread: that folds. counts: what is counted.
+    store: where they are kept. arena: where their bricks lie. thread: that folds. laying: that gives a log another
+        foundation, which takes as long as the disk does: one after the other. counts: what is counted.
     log_edits: of each world, that are kept one by one at least. sweep: called when rows of the log can go.
     """
 
     store: Store
     arena: Arena
     thread: ThreadPoolExecutor
+    laying: ThreadPoolExecutor
     counts: EditCounts
     log_edits: int
     sweep: Callable[[], None]
@@ -67,7 +71,8 @@ class EditedWorld:
         """founded: the revision of the log's foundation."""
         self.history = history
         self._world, self._ground = world, ground
-        self._store, self._counts, self._thread = place.store, place.counts, place.thread
+        self._store, self._counts = place.store, place.counts
+        self._thread, self._laying = place.thread, place.laying
         self._sweep = place.sweep
         self._log_edits, self._founds_at = place.log_edits, founded + place.log_edits
         self._moved = asyncio.Event()
@@ -78,6 +83,7 @@ class EditedWorld:
         self._closing = asyncio.Event()
         self._is_gone = False
         self._whole, self._kept = True, history.bricks.revision
+        self._no_room_since = 0.0
 
     @classmethod
     async def open(cls, world: World, place: Place) -> "EditedWorld":
@@ -178,9 +184,18 @@ class EditedWorld:
             self._check()
             await self._moved.wait()
 
+    def _tell_room(self, since: float, edits: int) -> None:
+        """Have the log say, once, that edits wait for room."""
+        waited = time.perf_counter() - since
+        if waited >= ROOM_TOLD_SECONDS and self._no_room_since != since:
+            self._no_room_since = since
+            message = "%d edits of world %s have waited %.1f s for room in memory: chunks that are built have all of it"
+            _log.warning(message, edits, self._world.id, waited)
+
     async def _fold(self) -> None:
         """Fold until all that is written is folded."""
         history, sample, at_once = self.history, self._ground.sample, FOLDED_AT_ONCE_MAX
+        since: float | None = None
         try:
             while edits := history.unfolded(at_once):
                 revision = history.bricks.revision + len(edits)
@@ -190,9 +205,11 @@ class EditedWorld:
                     bricks = await asyncio.get_running_loop().run_in_executor(self._thread, fold)
                 except StoreFull:  # there is room, when chunks that are being built let go of their bricks
                     at_once = max(1, len(edits) // 2)
+                    since = since or begun
+                    self._tell_room(since, len(edits))
                     await asyncio.sleep(ROOM_SECONDS)
                     continue
-                at_once = min(2 * at_once, FOLDED_AT_ONCE_MAX)
+                at_once, since = min(2 * at_once, FOLDED_AT_ONCE_MAX), None
                 history.publish(bricks)
                 self._move()
                 self._counts.folded += len(edits)
@@ -237,7 +254,8 @@ class EditedWorld:
         parts = partial(gently, is_urgent=self._closing.is_set)
         whole = await asyncio.to_thread(lambda: put(parts(change.parts()), parts(change.gone()), change.since))
         if founds:
-            await asyncio.to_thread(self._found, change.revision, parts(change.parts()))
+            found = partial(self._found, change.revision, parts(change.parts()))
+            await asyncio.get_running_loop().run_in_executor(self._laying, found)
             self._sweep()
         return whole
 

@@ -59,7 +59,8 @@ class Editing:
         self.told: Callable[[Draft, int], None] = lambda _draft, _revision: None
         self.counts = EditCounts()
         self._store = store
-        self._place = Place(store, arena, ThreadPoolExecutor(1, "fold"), self.counts, log_edits, self.sweep)
+        fold, lay = (ThreadPoolExecutor(1, name) for name in ("fold", "lay"))
+        self._place = Place(store, arena, fold, lay, self.counts, log_edits, self.sweep)
         self._answer_seconds = answer_seconds
         self._worlds: dict[str, EditedWorld] = {}
         self._opening: dict[str, asyncio.Task[EditedWorld]] = {}
@@ -176,7 +177,8 @@ class Editing:
         if self._sweeping is not None:
             self._sweeping.cancel()
             await asyncio.gather(self._sweeping, return_exceptions=True)
-        await asyncio.to_thread(self._place.thread.shutdown, cancel_futures=True)
+        for thread in (self._place.thread, self._place.laying):
+            await asyncio.to_thread(thread.shutdown, cancel_futures=True)
 
     def _let_go(self, epoch: str) -> None:
         state = self._worlds.pop(epoch, None)
@@ -215,8 +217,11 @@ class Editing:
         else:
             state.written(taken, outcome.revision)
             self._count(taken, outcome, time.perf_counter() - begun)
-            self.moved()
-            self.told(draft, outcome.revision)
+            try:
+                self.moved()
+                self.told(draft, outcome.revision)
+            except Exception:  # noqa: BLE001 - whatever it was: the edit is written, and who sent it has to know
+                _log.exception("an edit of world epoch %s is not told to others", draft.epoch)
         _settle(answer, Answer(outcome.revision, outcome.stale or b"[]", outcome.duplicate))
 
     def _count(self, taken: Taken, outcome: Outcome, seconds: float) -> None:

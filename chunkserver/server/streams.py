@@ -91,7 +91,12 @@ class Streams:
         if found is not None:
             world, stream = found
             cells = world.chunk_cells
-            stream.written(StreamEdit(revision, draft.strokes, draft.stale, cells, draft.client, draft.seq))
+            try:
+                stream.written(StreamEdit(revision, draft.strokes, draft.stale, cells, draft.client, draft.seq))
+            except Exception:  # noqa: BLE001 - whatever it was: who resumes misses nothing
+                _log.exception("the stream of world %s ends at revision %d", world.id, revision)
+                del self._streams[draft.epoch]
+                stream.close(closing.FAILED)
 
     async def _tick(self) -> None:
         """Tick while anybody is connected."""

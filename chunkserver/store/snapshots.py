@@ -20,6 +20,8 @@ APPLICATION_ID: Final = 0x43484E42
 FORMAT: Final = 1
 """A file of another format is deleted, older or newer."""
 BUSY_MS_MAX: Final = 1000
+WAL_BYTES_KEPT: Final = 64 << 20
+"""Of the write-ahead log, after a transaction that had more."""
 
 _IN_MEMORY: Final = ":memory:"
 _SUFFIXES: Final = ("", "-wal", "-shm", "-journal")
@@ -163,6 +165,7 @@ def _opened(path: Path | None) -> apsw.Connection:
         connection.close()
         raise apsw.NotADBError(f"application and format are {found}")
     connection.pragma("journal_mode", "wal")
+    connection.pragma("journal_size_limit", WAL_BYTES_KEPT)
     connection.pragma("synchronous", "normal")  # whole after a loss of power, though perhaps not the newest
     if found != (APPLICATION_ID, FORMAT):
         connection.execute(_SCHEMA)

@@ -140,6 +140,10 @@ def test_many_at_once_each_get_their_own_chunk(client):
     [
         ("GET", "/nowhere", 404, "not-found"),
         ("GET", "/v1/seeds/42/", 404, "not-found"),
+        ("GET", f"{SURFACE}.mesh%0A", 422, "bad-parameter"),
+        ("GET", "/v1/recipes%0A", 404, "not-found"),
+        ("GET", "/livez%0A", 404, "not-found"),
+        ("GET", f"{SURFACE}%0A", 422, "bad-parameter"),
         ("GET", f"{SURFACE}/1", 404, "not-found"),
         ("POST", SURFACE, 405, "method-not-allowed"),
         ("DELETE", "/v1/seeds/42", 405, "method-not-allowed"),

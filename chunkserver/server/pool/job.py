@@ -9,7 +9,7 @@ from math import frexp
 from typing import Final, NamedTuple
 
 from chunkserver.edits import Bricks, Deltas
-from chunkserver.errors import ChunkError
+from chunkserver.errors import ChunkError, Overloaded, StoreFull
 from chunkserver.grid import ChunkShape
 from chunkserver.mesher import MESHERS
 from chunkserver.pipeline import Chunk, ChunkRequest
@@ -84,7 +84,8 @@ class Job:
     def frame(self) -> bytes:
         """Return what a worker is sent.
 
-        Raises `WireError` if the request is too large for a frame, `StoreFull` if there is no room for its bricks.
+        Raises `WireError` if the request is too large for a frame, `Overloaded` if there is no room for its bricks now:
+        edits that are being folded, and other chunks, have all of it.
         """
         self.deltas = self._read()
         return pack((self.request, self.deadline, self.deltas), FRAME_BYTES_MAX)
@@ -94,7 +95,10 @@ class Job:
             return None
         request = self.request
         shape = ChunkShape(request.cells, MESHERS[request.mesher].apron)
-        return Deltas.of(self.bricks, request.key, shape, request.coarser)
+        try:
+            return Deltas.of(self.bricks, request.key, shape, request.coarser)
+        except StoreFull as error:
+            raise Overloaded(f"there is no room for the edits of this chunk now: {error.message}") from None
 
     def settle(self, answer: Chunk | ChunkError) -> bool:
         """Give the caller the answer. Return whether that was there to take it."""

@@ -82,17 +82,23 @@ def test_every_route_finds_its_row(routes):
     rows = {(path, row.method): row.scope for row in NEEDS for path in row.paths}
     for path, method in routes:
         wanted = rows[path, "GET" if method == "HEAD" else method]
-        assert table.needed(method, path) == wanted
-        assert table.needed(method, path.replace("{", "").replace("}", "")) == wanted
+        assert table.row(method, path).scope == wanted
+        assert table.row(method, path.replace("{", "").replace("}", "")).scope == wanted
+
+
+def test_where_a_key_may_say_more_than_is_needed():
+    looks = {(row.method, path) for row in NEEDS if row.looks for path in row.paths}
+    assert looks == {("POST", "/v1/worlds/{world}/tickets"), (STREAM, "/v1/worlds/{world}/stream")}
+    assert Table(NEEDS).row("POST", "/v1/worlds/tickets/chunks").looks is False
 
 
 def test_what_only_looks_like_a_resource_needs_admin():
     table = Table(NEEDS)
     others = ("/v1/worlds/", "/v1/worlds\n", "/livez/", "/livezz", "/v1/worlds/a/b", "/v1/worldsx", "", "/favicon.ico")
     for method in ("GET", "HEAD", "POST", "DELETE"):
-        assert {table.needed(method, path) for path in others} == {Scope.ADMIN}, method
-    assert table.needed("PATCH", "/v1/worlds") == table.needed(STREAM, "/livez") == Scope.ADMIN
-    assert table.needed("OPTIONS", "/v1/worlds") is None
+        assert {table.row(method, path).scope for path in others} == {Scope.ADMIN}, method
+    assert table.row("PATCH", "/v1/worlds").scope == table.row(STREAM, "/livez").scope == Scope.ADMIN
+    assert table.row("OPTIONS", "/v1/worlds").scope is None
 
 
 @pytest.mark.parametrize(

@@ -238,6 +238,7 @@ def test_a_foundation_that_cannot_be_laid_is_tried_again_later(tmp_path, monkeyp
 
     def full(_log, _epoch, revision, _parts):
         tried.append(revision)
+        assert threading.current_thread().name.startswith("lay"), "others share asyncio's threads"
         raise StoreFull("the disk is full")
 
     monkeypatch.setattr(EditLog, "lay", full)

@@ -8,7 +8,7 @@ import pytest
 from chunkserver.errors import StoreError
 from chunkserver.server.streams import Streams
 from chunkserver.store import EditLog
-from chunkserver.stream import closing
+from chunkserver.stream import Stream, closing
 from tests.unit.server.edited import ball, editing, run
 
 HELLO: dict[str, object] = {"type": "hello", "client": "a", "epoch": None, "resume": None, "regions": []}
@@ -89,6 +89,26 @@ def test_a_log_that_cannot_be_read_ends_the_connection(monkeypatch, method, capl
             connection.received(json.dumps({**HELLO, "epoch": world.epoch, "resume": "0"}))
             await until(lambda: connection.closing)
             assert connection.closing == closing.FAILED
+            await streams.close()
+
+    run(scenario)
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
+def test_a_stream_that_misses_an_edit_ends_and_who_resumes_gets_it(monkeypatch, caplog):
+    def fails(*_):
+        raise RuntimeError("nobody hears")
+
+    async def scenario():
+        async with editing() as (edits, world):
+            streams = Streams(edits, edits._store)
+            first = await connected(streams, world)
+            with monkeypatch.context() as patch:
+                patch.setattr(Stream, "written", fails)
+                assert (await edits.take(world, ball())).revision == 1
+            assert first.closing == closing.FAILED
+            second = await connected(streams, world)
+            assert said(second)[0]["revision"] == "1"
             await streams.close()
 
     run(scenario)

@@ -3,6 +3,7 @@ from contextlib import closing
 import apsw
 import pytest
 
+from chunkserver.store import snapshots
 from chunkserver.store.snapshots import APPLICATION_ID, FILE_NAME, FORMAT, Snapshots
 
 PARTS = {b"brick 1": bytes(5000), b"brick 2": b"b", b"chunks": b""}
@@ -90,6 +91,15 @@ def test_a_damaged_file_is_made_again(tmp_path, harm):
         assert not second.put("e", "g", 8, {}.items(), since=7), "what it would change is not there"
         assert second.put("e", "g", 8, PARTS.items())
         assert second.load("e", "g") == (8, PARTS)
+
+
+def test_the_write_ahead_log_does_not_stay_as_long_as_it_once_was(tmp_path, monkeypatch):
+    monkeypatch.setattr(snapshots, "WAL_BYTES_KEPT", 1 << 20)
+    with closing(Snapshots(tmp_path)) as kept:
+        kept.put("e", "g", 1, [(bytes([number]), bytes(1 << 18)) for number in range(32)])
+        for revision in (2, 3):
+            kept.put("e", "g", revision, [(b"x", b"x")], since=revision - 1)
+        assert (tmp_path / f"{FILE_NAME}-wal").stat().st_size <= 1 << 20
 
 
 def test_a_disk_that_fails_harms_nobody(tmp_path, caplog):
