@@ -8,6 +8,7 @@ It has a thread and an event loop of its own, and ends within `STOP_SECONDS_MAX`
 """
 
 import asyncio
+import ssl
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,10 +20,14 @@ STOP_SECONDS_MAX: Final = 10.0
 
 
 class Wire:
-    """A running proxy. target: the server's URL; None is none. opened: how many connections there were."""
+    """A running proxy. target: the server's URL; None is none. opened: how many connections there were.
 
-    def __init__(self, target: str | None) -> None:
+    tls: with which players connect, if they do; the server speaks plain HTTP in any case.
+    """
+
+    def __init__(self, target: str | None, tls: ssl.SSLContext | None = None) -> None:
         self.target = target
+        self._tls = tls
         self.opened = 0
         self.url = ""
         self._open: dict[asyncio.StreamWriter, asyncio.Event] = {}
@@ -61,8 +66,8 @@ class Wire:
     def _run(self) -> None:
         with asyncio.Runner() as runner:
             self._loop = runner.get_loop()
-            listening = runner.run(asyncio.start_server(self._connected, "127.0.0.1", 0))
-            self.url = f"http://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
+            listening = runner.run(asyncio.start_server(self._connected, "127.0.0.1", 0, ssl=self._tls))
+            self.url = f"{'https' if self._tls else 'http'}://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
             self._ready.set()
             self._loop.run_forever()
             listening.close()
@@ -92,13 +97,16 @@ async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, flow
         writer.write(piece)
         await writer.drain()
     with suppress(OSError):
-        writer.write_eof()
+        if writer.can_write_eof():
+            writer.write_eof()
+        else:  # there is no half of a TLS connection
+            writer.close()
 
 
 @contextmanager
-def wire(target: str | None) -> Iterator[Wire]:
+def wire(target: str | None, tls: ssl.SSLContext | None = None) -> Iterator[Wire]:
     """Run a proxy in front of the server at the URL `target`."""
-    line = Wire(target)
+    line = Wire(target, tls)
     line.start()
     try:
         yield line
