@@ -22,9 +22,10 @@ import httpx2
 from benchmarks.load import LOAD_SECONDS_MAX
 from benchmarks.measure import MS, Figure, Line, Scale, in_turns
 from benchmarks.service import cpu_seconds
-from chunkserver_loadtest.crowd import Crowd, Sent
+from chunkserver_loadtest.crowd import Crowd
 from chunkserver_loadtest.event_loop import new_event_loop
 from chunkserver_loadtest.target import resolve
+from chunkserver_loadtest.tellings import Sent
 from tests.serving import Server, serving
 
 PATH: Final = "/v1/worlds/stream"
@@ -134,7 +135,7 @@ async def _back(crowd: Crowd) -> Figures:
         for _ in range(MISSED):
             await crowd.edited("editor", _carve(chance))
 
-    found = await crowd.come_back(away)
+    found = [back.caught_up for back in await crowd.come_back(away)]
     await crowd.settle(SETTLE_SECONDS_MAX)
     return {("median", "s"): _quantile(found, 0.5), ("all caught up", "s"): max(found)}
 

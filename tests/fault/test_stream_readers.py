@@ -14,9 +14,10 @@ import httpx2
 import pytest
 import uvloop
 
-from chunkserver_loadtest.crowd import Crowd, Sent
+from chunkserver_loadtest.crowd import Crowd
 from chunkserver_loadtest.peer import upgrade
 from chunkserver_loadtest.target import resolve
+from chunkserver_loadtest.tellings import Sent
 from tests.fault.sockets import SECONDS_MAX, resident_bytes
 from tests.scale import TORTURE
 from tests.serving import Server, serving, until

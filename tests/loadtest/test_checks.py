@@ -14,6 +14,7 @@ from chunkserver_loadtest.generator import Limits
 from chunkserver_loadtest.profiles import Options
 from chunkserver_loadtest.result import Result
 from chunkserver_loadtest.runs import Plan, run
+from chunkserver_loadtest.storms import LOSSES
 from chunkserver_loadtest.world import World
 from tests.loadtest.stub import KEY, MEDIA_TYPE, OK, TAG, Pieces, Reply, answer, answering, descriptor, example, path
 
@@ -118,7 +119,9 @@ def test_a_wrong_answer_is_found_and_counted_with_an_example(kind):
 
 def test_every_kind_is_known():
     elsewhere = {"no-connection", "too-large", "bad-batch"}
-    assert set(EACH) | elsewhere == set(KINDS)
+    of_storms = {"nack", "peer-lost", *LOSSES.values()}  # test_storms has each of them
+    of_edits = {f"edit-{what}" for what in ("missed", "late", "strange", "changed", "doubled", "lost")}
+    assert set(EACH) | elsewhere | of_storms | of_edits == set(KINDS)
 
 
 def test_a_304_that_was_asked_for_is_right():

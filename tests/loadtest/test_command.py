@@ -16,9 +16,11 @@ from chunkserver_loadtest import __version__
 from chunkserver_loadtest.__main__ import FAILED, MISUSED, app
 from chunkserver_loadtest.ceiling import measure
 from chunkserver_loadtest.checks import KINDS
+from chunkserver_loadtest.compare import METRICS
 from chunkserver_loadtest.live import line
 from chunkserver_loadtest.result import load, save
-from chunkserver_loadtest.runs import Snapshot
+from chunkserver_loadtest.runs import NAMES, Snapshot
+from tests.loadtest.stream_stub import Message, streaming
 from tests.loadtest.stub import answer, answering, descriptor
 from tests.loadtest.test_checks import chunk
 from tests.loadtest.test_results import result_with
@@ -67,6 +69,53 @@ def test_a_result_that_cannot_be_written_is_one_line(tmp_path):
     assert "the result cannot be written: " in done.stderr
 
 
+def test_a_storm_says_what_it_found(tmp_path):
+    options = ("--editors", "2", "--subscribers", "4", "--rate", "50", "--seconds", "0.2", "--missed", "2")
+    more = ("--world", "w", "--budget", "p99=1000", "--budget", "all_back=5000", "--output", str(tmp_path / "a.json"))
+    with streaming() as server:
+        done = run("run", "reconnect-storm", "--url", server.url, *options, *more)
+    assert done.exit_code == 0, done.stderr
+    assert "10 due, 10 answered, 0 unsent, 0 failed" in done.stdout
+    assert "2 editors, 4 subscribers" in done.stdout
+    assert "0 missed, 0 late, 0 strange; left out by 0 stale, 0 resync" in done.stdout
+    assert "welcome again" in done.stdout
+    assert "told (from the answer)" in done.stdout
+    stream = load(tmp_path / "a.json").stream
+    assert stream is not None
+    assert stream.acknowledged == server.revision == 1 + 10 + 2
+
+
+@pytest.mark.parametrize(
+    ("profile", "budget", "code", "why"),
+    [
+        ("edit-storm", "rate=1000000", FAILED, "rate is "),
+        ("edit-storm", "last_p99=0", FAILED, "the budget 0.00"),
+        ("edit-storm", "rate=1", 0, ""),
+        ("edit-storm", "all_back=1", MISUSED, "a result of edit-storm has no all_back"),
+        ("edit-storm", "p99=+20%", MISUSED, "the budget of p99 is in percent"),
+        ("edit-storm", "speed=1", MISUSED, "'speed=1' is no budget"),
+    ],
+)
+def test_a_budget_of_a_run_is_held(profile, budget, code, why):
+    options = ("--editors", "1", "--subscribers", "2", "--rate", "50", "--seconds", "0.1", "--world", "w")
+    with streaming() as server:
+        done = run("run", profile, "--url", server.url, *options, "--budget", budget)
+    assert done.exit_code == code, done.stdout
+    assert why in done.stderr
+
+
+def test_a_storm_that_finds_faults_fails():
+    def forgetful(client: str, message: Message) -> list[Message]:
+        is_it = message["type"] == "edits" and message["revision"] == "3" and client.endswith("subscriber-1")
+        return [{**message, "edits": []} if is_it else message]
+
+    options = ("--editors", "1", "--subscribers", "2", "--rate", "50", "--seconds", "0.1", "--world", "w")
+    with streaming(forgetful) as server:
+        done = run("run", "edit-storm", "--url", server.url, *options)
+    assert done.exit_code == FAILED
+    assert "edit-missed 1 x, first /v1/worlds/w/stream: counted once for each subscriber" in done.stdout
+
+
 def test_a_run_that_finds_faults_fails():
     with answering(lambda head: answer("404 Not Found", b"{}") if "/chunks/" in head else descriptor()) as server:
         done = run("run", "cold-unique", "--url", server.url, "--seconds", "0.2")
@@ -103,9 +152,10 @@ def test_what_cannot_be_is_one_clear_line(arguments, why):
 
 
 def test_a_profile_that_there_is_not_is_named():
-    done = run("run", "edit-storm")
+    done = run("run", "swarm")
     assert (done.exit_code, done.stderr.count("\n")) == (MISUSED, 1)
-    assert "'edit-storm': there are cold-unique, warm-hot, fly-through" in done.stderr
+    there = "cold-unique, warm-hot, fly-through, edit-storm, reconnect-storm"
+    assert f"'swarm': there are {there}" in done.stderr
 
 
 def test_a_format_or_a_world_that_there_is_not_is_named():
@@ -198,3 +248,5 @@ def test_the_page_names_every_option_and_kind():
     assert len(options) > 20
     assert not {option for option in options if f"`{option}`" not in page}
     assert all(f"| `{kind}` | {meaning} |" in page for kind, meaning in KINDS.items())
+    assert not {metric for metric in METRICS if f"`{metric}`" not in page}
+    assert not {name for name in NAMES if f"| `{name}` | " not in page}

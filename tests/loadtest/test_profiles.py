@@ -179,6 +179,14 @@ def test_a_flight_ends_where_the_world_does(monkeypatch):
         {"revalidate": 1.1},
         {"codings": ("br",)},
         {"reach": 99},
+        {"editors": 0},
+        {"subscribers": -1},
+        {"silent": 1.5},
+        {"strokes": 501},
+        {"ground": 0},
+        {"look": -1},
+        {"missed": -1},
+        {"cuts": 0},
     ],
 )
 def test_options_are_limited(wrong):

@@ -5,12 +5,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import httpx2
 import pytest
 
 from chunkserver_loadtest.generator import Limits
 from chunkserver_loadtest.profiles import Options
-from chunkserver_loadtest.result import Result
+from chunkserver_loadtest.result import Result, Stream
 from chunkserver_loadtest.runs import Plan, run
 from chunkserver_loadtest.world import world_path
 from tests.house.checkout import ROOT, holds
@@ -21,6 +23,7 @@ from tests.serving import Server, serving, until
 
 LOCUST_SECONDS_MAX = 90.0
 SECONDS = 1.0
+EDITS = 50
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +77,31 @@ def test_fly_through(server, batch, file_format):
     asked = result.latency.by_kind["part" if batch else "arrive"].count
     assert asked >= 216 + 189
     assert result.counts.decoded > 10
+
+
+def test_edit_storm(server):
+    found = storm(server, "edit-storm", subscribers=12, silent=0.25, look=64, strokes=2)
+    assert 0 < found.told.count < 9 * EDITS, "each looks at a part of the ground"
+    assert (found.silent, found.acknowledged, found.connects) == (3, EDITS + 1, 16)
+
+
+def test_reconnect_storm(server):
+    found = storm(server, "reconnect-storm", subscribers=12, missed=5)
+    assert found.told.count == 12 * EDITS
+    assert (found.welcomed.count, found.back.count, len(found.all_back)) == (15, 12, 1)
+    assert found.acknowledged == 1 + EDITS + 5
+
+
+def storm(server: Server, profile: str, **options: Any) -> Stream:
+    """Have a storm in a world of its own, which is gone afterwards. Everything else is a failure of the run."""
+    more = Options(seed=7, editors=4, rate=EDITS / SECONDS, **options)
+    result = run(Plan(server.url, world_path(None, 42, "terrain"), profile, more, Limits(SECONDS)), lambda _: None)
+    assert result.failures == {}
+    assert result.counts.due == result.counts.answered == EDITS
+    assert httpx2.get(f"{server.url}/v1/worlds").json()["worlds"] == []
+    assert result.stream is not None
+    assert (result.stream.missed, result.stream.late, result.stream.strange) == (0, 0, 0)
+    return result.stream
 
 
 def locust(url: str, users: tuple[str, ...], kinds: tuple[str, ...], log: Path) -> tuple[int, str]:

@@ -2,6 +2,7 @@
 
 import secrets
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, NoReturn
 
@@ -10,14 +11,14 @@ from rich.console import Console
 
 from chunkserver_loadtest import __version__
 from chunkserver_loadtest.ceiling import measure
-from chunkserver_loadtest.compare import compare, differences
+from chunkserver_loadtest.compare import Bound, broken, compare, differences, read_budgets
 from chunkserver_loadtest.errors import LoadTestError
 from chunkserver_loadtest.generator import Limits
 from chunkserver_loadtest.live import DRAWS_PER_SECOND, view
-from chunkserver_loadtest.profiles import PROFILES, Arrivals, Options
+from chunkserver_loadtest.profiles import Arrivals, Options
 from chunkserver_loadtest.report import comparison, summary
 from chunkserver_loadtest.result import Result, load, save
-from chunkserver_loadtest.runs import Plan, run
+from chunkserver_loadtest.runs import NAMES, Plan, run
 from chunkserver_loadtest.world import world_path
 
 FAILED: Final = 1
@@ -47,9 +48,9 @@ def main(
 
 @app.command("run")
 def run_command(
-    profile: Annotated[str, typer.Argument(help=f"One of {', '.join(PROFILES)}.")],
+    profile: Annotated[str, typer.Argument(help=f"One of {', '.join(NAMES)}.")],
     url: Annotated[str, typer.Option(help="Of the server.")] = "http://127.0.0.1:8000",
-    world: Annotated[str | None, typer.Option(help="Id of a world; without one a seed's is asked for.")] = None,
+    world: Annotated[str | None, typer.Option(help="Id of a world; without one a seed's. Storms make one.")] = None,
     world_seed: Annotated[int, typer.Option(help="Seed of the world.")] = 42,
     recipe: Annotated[str, typer.Option(help="Its recipe.")] = "terrain",
     file_format: Annotated[str, typer.Option("--format", help="mesh or glb.")] = "mesh",
@@ -57,7 +58,7 @@ def run_command(
         list[str] | None, typer.Option(help="identity, gzip or zstd; several are taken in turns.")
     ] = None,
     seconds: Annotated[float, typer.Option(help="How long requests are sent.")] = 10.0,
-    rate: Annotated[float, typer.Option(help="Requests a second. A flight has its own times.")] = 100.0,
+    rate: Annotated[float, typer.Option(help="Requests or edits a second. A flight has its own times.")] = 100.0,
     arrivals: Annotated[Arrivals, typer.Option(help="Evenly, or each whenever it likes.")] = "constant",
     closed: Annotated[bool, typer.Option("--closed", help="A closed loop: no rate, as many as are answered.")] = False,
     connections: Annotated[int, typer.Option(help="Open connections.")] = 32,
@@ -75,45 +76,37 @@ def run_command(
     lods: Annotated[int, typer.Option(help="fly-through: levels of detail.")] = 4,
     reach: Annotated[int, typer.Option(help="fly-through: a cube has 2 * (2 * reach + 1) chunks a side.")] = 1,
     batch: Annotated[int, typer.Option(help="fly-through: chunks of a batch; 0 asks for each alone.")] = 0,
+    editors: Annotated[int, typer.Option(help="Storms: who edits.")] = 10,
+    subscribers: Annotated[int, typer.Option(help="Storms: who is told.")] = 100,
+    silent: Annotated[float, typer.Option(help="Storms: share of subscribers that never read.")] = 0.0,
+    strokes: Annotated[int, typer.Option(help="Storms: strokes of an edit.")] = 1,
+    ground: Annotated[float, typer.Option(help="Storms: a side of what is edited, in voxels.")] = 512.0,
+    look: Annotated[float, typer.Option(help="Storms: a side of where each looks, in voxels; 0 is everywhere.")] = 0.0,
+    missed: Annotated[int, typer.Option(help="reconnect-storm: edits while all are away.")] = 100,
+    cuts: Annotated[int, typer.Option(help="reconnect-storm: how often all are cut.")] = 1,
     check_share: Annotated[float, typer.Option(help="Share of repeated answers whose bodies are compared.")] = 1.0,
     api_key: Annotated[str, typer.Option(envvar="CHUNKSERVER_API_KEY", help="For a server that wants one.")] = "",
     allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Another machine than this one.")] = False,
+    budget: Annotated[list[str] | None, typer.Option(help="p99=250 (ms), rate=95, told_p99=80; repeat.")] = None,
     output: Annotated[Path | None, typer.Option(help="Write the result here, as JSON.")] = None,
 ) -> None:
     """Offer a load at the times at which it is due, check each answer, and say how late answers were.
 
-    The exit code is 1 if anything failed: an answer that did not come, or came wrong.
+    The exit code is 1 if anything failed, an answer that did not come, or came wrong; or if a budget is broken.
     """
-    console = Console(stderr=True)
+    load = (secrets.randbits(32) if seed is None else seed, rate, arrivals, at, spread)
+    flight = (viewers, speed, altitude, lods, reach, batch)
+    warm = (hot, revalidate, tuple(coding or ["identity"]))
+    crowd, place = (editors, subscribers, silent, strokes), (ground, look, missed, cuts)
     try:
-        options = Options(
-            secrets.randbits(32) if seed is None else seed,
-            rate,
-            arrivals,
-            at,
-            spread,
-            viewers,
-            speed,
-            altitude,
-            lods,
-            reach,
-            batch,
-            hot,
-            revalidate,
-            tuple(coding or ["identity"]),
-        )
+        options = Options(*(load + flight + warm + crowd + place))
         limits = Limits(seconds, requests, connections, in_flight, timeout)
         path = world_path(world, world_seed, recipe)
         plan = Plan(url, path, profile, options, limits, file_format, closed, check_share, allow_remote, api_key)
-        with view(console) as tell:
-            result = run(plan, tell, 1 / DRAWS_PER_SECOND if console.is_terminal else 1.0)
+        budgets = read_budgets(budget or [], alone=True)
     except LoadTestError as error:
         _end(str(error))
-    _output().print(summary(result))
-    if output:
-        _save(result, output)
-    if result.counts.failed:
-        raise typer.Exit(FAILED)
+    _run(plan, budgets, output)
 
 
 @app.command("compare")
@@ -155,6 +148,27 @@ def _save(result: Result, path: Path) -> None:
         save(result, path)
     except OSError as error:
         _end(f"the result cannot be written: {error}")
+
+
+def _run(plan: Plan, budgets: Mapping[str, Bound], output: Path | None) -> None:
+    """Run a plan, say what came of it, and fail if that is not as it has to be."""
+    console = Console(stderr=True)
+    try:
+        with view(console) as tell:
+            result = run(plan, tell, 1 / DRAWS_PER_SECOND if console.is_terminal else 1.0)
+    except LoadTestError as error:
+        _end(str(error))
+    _output().print(summary(result))
+    if output:
+        _save(result, output)
+    try:
+        over = broken(result, budgets)
+    except LoadTestError as error:
+        _end(str(error))
+    for line in over:
+        typer.echo(line, err=True)
+    if result.counts.failed or over:
+        raise typer.Exit(FAILED)
 
 
 def _output() -> Console:

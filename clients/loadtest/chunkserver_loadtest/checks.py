@@ -39,6 +39,17 @@ KINDS: Final = {
     "other-chunk": "the body is another chunk than the one that was asked for",
     "wrong-header": "Chunk-Content or Chunk-Revision do not fit the body",
     "bad-batch": "the stream of a batch is malformed, cut, or lacks chunks",
+    "nack": "an edit was refused",
+    "no-welcome": "a peer of a storm did not come back, or was refused for good",
+    "peer-lost": "the server ended a connection of a peer that reads",
+    "malformed-message": "what came on a stream is no message",
+    "disordered": "a subscriber was told edits twice, out of order, or with a gap",
+    "edit-missed": "a subscriber was told of later edits, and never of this one",
+    "edit-late": "a subscriber was not told of an edit in time, nor of later ones",
+    "edit-strange": "a subscriber was told of an edit that nobody was answered for",
+    "edit-changed": "an edit was told otherwise than it was sent",
+    "edit-doubled": "the world has more edits than were sent",
+    "edit-lost": "the world has fewer edits than were acknowledged",
 }
 """Every kind of failure, and what it means."""
 

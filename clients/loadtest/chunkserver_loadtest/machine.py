@@ -2,10 +2,16 @@
 
 import os
 import platform
+import sys
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
+
+from chunkserver_loadtest.errors import BadOption
+
+if sys.platform != "win32":
+    import resource
 
 CPU_INFO: Final = Path("/proc/cpuinfo")
 
@@ -21,6 +27,17 @@ def facts() -> dict[str, str]:
         "python": platform.python_version(),
         "chunkserver-loadtest": version("chunkserver-loadtest"),
     }
+
+
+def allow_files(count: int) -> None:
+    """Have this process open so many files. Raises BadOption if the system lets it open fewer."""
+    if sys.platform == "win32":
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if resource.RLIM_INFINITY not in (soft, hard) and hard < count:
+        raise BadOption(f"{count} files are needed, a connection is one: this process may open {hard} (ulimit -Hn)")
+    if soft != resource.RLIM_INFINITY and soft < count:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (count, hard))
 
 
 def _cpu() -> str:

@@ -32,6 +32,13 @@ FLIGHT_CHUNKS_MAX: Final = 1_000_000
 """Of one viewer, which remembers each: then it has seen enough."""
 JOIN_SECONDS: Final = 0.25
 """Between the first request of a viewer and that of the next one."""
+EDITORS_MAX: Final = 10_000
+SUBSCRIBERS_MAX: Final = 50_000
+STROKES_MAX: Final = 500
+"""Of an edit: more would not be sure to have room in a frame."""
+GROUND_MAX: Final = 1e6
+MISSED_MAX: Final = 100_000
+CUTS_MAX: Final = 1_000
 CANDIDATES: Final = 2
 """Times the hot set: what is asked for to find as many chunks with a surface."""
 
@@ -40,10 +47,13 @@ CANDIDATES: Final = 2
 class Options:
     """What a profile may be told.
 
-    rate: requests a second, and how they arrive (`arrivals`); a flight has its own times.
+    rate: requests or edits a second, and how they arrive (`arrivals`); a flight has its own times.
     at: voxels, where the load is. spread: chunks, how far around it. viewers, speed (voxels/s), altitude (voxels above
     `at`), lods, reach: of flights. batch: chunks of one; 0 asks for each alone. hot: chunks of the hot set, of which a
     share `revalidate` is asked for with its tag. codings: taken in turns.
+
+    Of storms: editors, subscribers, a share of whom is `silent`; strokes of an edit; ground: voxels, a side of what is
+    edited; look: voxels, a side of where a subscriber looks, 0 for everywhere; missed: edits while all are away; cuts.
 
     Raises BadOption if one is out of its range.
     """
@@ -62,6 +72,14 @@ class Options:
     hot: int = 64
     revalidate: float = 0.25
     codings: tuple[str, ...] = ("identity",)
+    editors: int = 10
+    subscribers: int = 100
+    silent: float = 0.0
+    strokes: int = 1
+    ground: float = 512.0
+    look: float = 0.0
+    missed: int = 100
+    cuts: int = 1
 
     def __post_init__(self) -> None:
         ranges: dict[str, tuple[float, float]] = {
@@ -75,6 +93,14 @@ class Options:
             "batch": (0, BATCH_MAX),
             "hot": (1, HOT_MAX),
             "revalidate": (0, 1),
+            "editors": (1, EDITORS_MAX),
+            "subscribers": (0, SUBSCRIBERS_MAX),
+            "silent": (0, 1),
+            "strokes": (1, STROKES_MAX),
+            "ground": (1, GROUND_MAX),
+            "look": (0, GROUND_MAX),
+            "missed": (0, MISSED_MAX),
+            "cuts": (1, CUTS_MAX),
         }
         for name, (least, most) in ranges.items():
             if not least <= getattr(self, name) <= most:

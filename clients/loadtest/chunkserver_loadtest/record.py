@@ -158,11 +158,11 @@ class Record(Observer):
         else:
             self.fail(exchange, exchange.failure, exchange.detail)
 
-    def fail(self, exchange: Exchange, kind: str, detail: str) -> None:
-        """Count a failure; the first of its kind is kept as the example."""
-        self._second(exchange.ended).failed += 1
+    def fail(self, exchange: Exchange, kind: str, detail: str, count: int = 1) -> None:
+        """Count a failure, or several; the first of its kind is kept as the example."""
+        self._second(exchange.ended).failed += count
         path, detail = exchange.request.path[:EXAMPLE_CHARACTERS_MAX], detail[:EXAMPLE_CHARACTERS_MAX]
-        self.failures.setdefault(kind, Failures(0, path, detail)).count += 1
+        self.failures.setdefault(kind, Failures(0, path, detail)).count += count
 
     @property
     def failed_count(self) -> int:

@@ -1,13 +1,16 @@
 """Results as tables."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.table import Table
 
 from chunkserver_loadtest.compare import Line
-from chunkserver_loadtest.result import Percentiles, Result
+from chunkserver_loadtest.result import Percentiles, Result, Stream
+
+CUTS_SHOWN_MAX: Final = 10
 
 
 def summary(result: Result) -> RenderableType:
@@ -22,7 +25,8 @@ def summary(result: Result) -> RenderableType:
     facts = Table.grid(padding=(0, 2))
     facts.add_row("requests", requests)
     facts.add_row("rate", f"{rates}, {throughput.bytes / 1e6:,.1f} MB/s, at most {counts.in_flight_most:,} in flight")
-    facts.add_row("checked", checked)
+    for name, told in _of_stream(result.stream) if result.stream else [("checked", checked)]:
+        facts.add_row(name, told)
     facts.add_row("generator", f"{cost}, {lag}")
     if generator.was_limit:
         facts.add_row("", "[yellow]It was the limit: late, or short of CPU. Read the figures as its own.[/]")
@@ -55,7 +59,33 @@ def _times(result: Result) -> Table:
         for name, one in sorted(names.items()):
             _add(table, f"  {name}", one)
     _add(table, "service (from sent)", result.service.all)
+    if (stream := result.stream) is not None and stream.told.count:
+        _add(table, "told (from the answer)", stream.told)
+        _add(table, "  the last of an edit", stream.last)
+    if stream is not None and stream.all_back:
+        _add(table, "welcome again", stream.welcomed)
+        _add(table, "  and caught up", stream.back)
     return table
+
+
+def _of_stream(stream: Stream) -> Iterator[tuple[str, str]]:
+    """Yield the lines of a storm."""
+    crowd = f"{stream.editors:,} editors, {stream.subscribers:,} subscribers"
+    if stream.silent:
+        crowd += f", of whom {stream.silent:,} never read: {stream.gone:,} were let go"
+    yield "crowd", crowd
+    again = f", {stream.duplicates:,} of them on a later connection" if stream.duplicates else ""
+    yield "edits", f"{stream.acknowledged:,} acknowledged{again}; refused: {_counts(stream.nacks)}"
+    wrong = f"{stream.missed:,} missed, {stream.late:,} late, {stream.strange:,} strange"
+    yield "told", f"{stream.told.count:,} times, {wrong}; left out by {stream.stale:,} stale, {stream.resync:,} resync"
+    yield "connections", f"{stream.connects:,} tried; refused: {_counts(stream.refused)}; {stream.lost:,} peers lost"
+    if stream.all_back:
+        times = ", ".join(f"{milliseconds:,.0f}" for milliseconds in stream.all_back[:CUTS_SHOWN_MAX])
+        yield "cuts", f"{len(stream.all_back):,}; all were back and caught up after {times} ms"
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count:,} x {escape(name)}" for name, count in sorted(counts.items())) or "none"
 
 
 def _add(table: Table, name: str, one: Percentiles) -> None:

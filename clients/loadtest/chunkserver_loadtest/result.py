@@ -15,7 +15,7 @@ from typing import Any, Final
 from chunkserver_loadtest.errors import BadResult
 from chunkserver_loadtest.record import Histogram, Record
 
-SCHEMA: Final = 1
+SCHEMA: Final = 2
 RESULT_BYTES_MAX: Final = 1 << 28
 MS: Final = 1e3
 CPU_SHARE_MAX: Final = 0.9
@@ -116,8 +116,43 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Stream:
+    """What a storm has beside answers.
+
+    acknowledged: edits, those out of figures too; duplicates: of them, those answered on a later connection; nacks: by
+        type of problem. missed, late: tellings, of which `told.count` came. strange: edits that others sent.
+    silent, gone: subscribers that read nothing, and those of them that the server let go. lost: other peers.
+    stale, resync: messages that stood for edits. connects: that were tried; refused: of those, by why.
+    told, last: from an edit's answer until each subscriber was told, and until the last of them was.
+    welcomed: of each peer that was cut, from when all came back until it was welcome. back: of each subscriber of them,
+        until it knew everything. all_back: of each cut, until all knew everything, ms.
+    """
+
+    editors: int
+    subscribers: int
+    silent: int
+    gone: int
+    lost: int
+    acknowledged: int
+    duplicates: int
+    nacks: dict[str, int]
+    missed: int
+    late: int
+    strange: int
+    stale: int
+    resync: int
+    connects: int
+    refused: dict[str, int]
+    told: Percentiles
+    last: Percentiles
+    welcomed: Percentiles
+    back: Percentiles
+    all_back: list[float]
+
+
+@dataclass(frozen=True)
 class Result:
-    """A whole run. seconds: from the start to the last answer."""
+    """A whole run. seconds: from the start to the last answer. stream: of a storm."""
 
     schema: int
     profile: str
@@ -132,6 +167,7 @@ class Result:
     failures: dict[str, Failed]
     generator: Generator
     series: list[Row]
+    stream: Stream | None = None
 
 
 def percentiles(histogram: Histogram) -> Percentiles:
@@ -150,6 +186,7 @@ def summarise(
     intended_seconds: float,
     cpu_seconds: float,
     checked: tuple[int, int],
+    stream: Stream | None = None,
 ) -> Result:
     """Return the result of a run whose record is complete. checked: bodies that were decoded, and compared."""
     record.close()
@@ -171,6 +208,7 @@ def summarise(
         {kind: Failed(one.count, one.path, one.detail) for kind, one in record.failures.items()},
         _generator(record, latency.all, seconds, cpu_seconds),
         [_row(record, number) for number in sorted(record.seconds)],
+        stream,
     )
 
 

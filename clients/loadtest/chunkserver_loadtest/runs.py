@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Final, NamedTuple
 
 from chunkserver_loadtest.checks import Checker, Fault
@@ -16,12 +17,15 @@ from chunkserver_loadtest.machine import facts
 from chunkserver_loadtest.profiles import PROFILES, Options
 from chunkserver_loadtest.record import Histogram, Record
 from chunkserver_loadtest.result import MS, Result, Value, summarise
+from chunkserver_loadtest.storms import STORMS, Setting, perform
 from chunkserver_loadtest.target import Target, resolve
-from chunkserver_loadtest.world import World, describe
+from chunkserver_loadtest.world import World, describe, own_world, revision
 
 UNCHECKED_MAX: Final = 512
 """Answers that wait to be checked. One more is checked at once, however late that makes the next request."""
 PRIMING_SECONDS_MAX: Final = 120.0
+NAMES: Final = (*PROFILES, *STORMS)
+"""What can be run."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +44,8 @@ class Plan:
     api_key: str = ""
 
     def __post_init__(self) -> None:
-        if self.profile not in PROFILES:
-            raise BadOption(f"no profile is called {self.profile!r}: there are {', '.join(PROFILES)}")
+        if self.profile not in NAMES:
+            raise BadOption(f"no profile is called {self.profile!r}: there are {', '.join(NAMES)}")
         if not 0 <= self.check_share <= 1:
             raise BadOption(f"check_share is {self.check_share}: 0 to 1")
 
@@ -82,9 +86,33 @@ def run(plan: Plan, tell: Tell, every: float = 1.0) -> Result:
     """
     target = resolve(plan.url, plan.allow_remote)
     fields = {"Authorization": f"Bearer {plan.api_key}"} if plan.api_key else {}
+    if plan.profile in STORMS:
+        return _storm(plan, target, fields, tell, every)
     world = describe(target, plan.world, plan.format, fields)
     with asyncio.Runner(loop_factory=new_event_loop) as runner:
         return runner.run(_run(plan, target, world, _lines(fields), tell, every))
+
+
+def _storm(plan: Plan, target: Target, fields: dict[str, str], tell: Tell, every: float) -> Result:
+    with own_world(target, plan.world, fields) as (path, is_own), asyncio.Runner(loop_factory=new_event_loop) as runner:
+        world = describe(target, path, plan.format, fields)
+        asked = partial(revision, target, path, fields)
+        setting = Setting(target, world, _lines(fields), plan.options, plan.limits, plan.closed, is_own, asked)
+        return runner.run(_run_storm(plan, setting, tell, every))
+
+
+async def _run_storm(plan: Plan, setting: Setting, tell: Tell, every: float) -> Result:
+    record, machine, cpu_started = Record(), facts(), time.process_time()
+    telling = asyncio.create_task(_tell(record, plan.limits.seconds, tell, every))
+    try:
+        found = await perform(STORMS[plan.profile], setting, record)
+    finally:
+        telling.cancel()
+    cpu_seconds = time.process_time() - cpu_started
+    tell(Stand(record, plan.limits.seconds).snapshot())
+    intended, stream = max(_intended_seconds(plan, record), 1e-9), found.told_of(plan.options)
+    token = setting.world.generator
+    return summarise(record, plan.profile, plan.shown(), machine, token, intended, cpu_seconds, (0, 0), stream)
 
 
 async def _run(plan: Plan, target: Target, world: World, fixed: bytes, tell: Tell, every: float) -> Result:
@@ -114,7 +142,8 @@ def _intended_seconds(plan: Plan, record: Record) -> float:
     """Return over how many seconds all that was due was to be sent: fewer than planned if there was no more to send."""
     if plan.closed:
         return min(plan.limits.seconds, record.ended_last - record.started)
-    return record.due_count / plan.options.rate if PROFILES[plan.profile].paced else plan.limits.seconds
+    is_paced = plan.profile in STORMS or PROFILES[plan.profile].paced
+    return record.due_count / plan.options.rate if is_paced else plan.limits.seconds
 
 
 class CheckedRecord(Record):

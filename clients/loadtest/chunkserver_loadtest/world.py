@@ -2,11 +2,13 @@
 
 import http.client
 import json
+import secrets
 import ssl
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
-from urllib.parse import quote
+from urllib.parse import parse_qs, quote, urlsplit
 
 from chunkserver_loadtest.errors import BadTarget
 from chunkserver_loadtest.exchange import Key, Request
@@ -15,6 +17,8 @@ from chunkserver_loadtest.target import Target
 DESCRIPTOR_BYTES_MAX: Final = 1 << 20
 DESCRIPTOR_SECONDS_MAX: Final = 60.0
 """A server that still compiles answers late."""
+NAME_BYTES: Final = 4
+TAKEN: Final = (http.HTTPStatus.OK, http.HTTPStatus.CREATED, http.HTTPStatus.NO_CONTENT)
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def describe(target: Target, path: str, file_format: str, fields: Mapping[str, s
 
     Raises BadTarget if there is none, or if it is not as docs/api.md says.
     """
-    descriptor = _get(target, path, fields)
+    descriptor = _ask(target, "GET", path, fields)
     try:
         known = {one["name"]: one for one in descriptor["formats"]}
         if file_format not in known:
@@ -92,20 +96,56 @@ def describe(target: Target, path: str, file_format: str, fields: Mapping[str, s
         raise BadTarget(f"{path} is no descriptor of a world: {error!r}") from None
 
 
-def _get(target: Target, path: str, fields: Mapping[str, str]) -> dict[str, Any]:
-    connection = _connection(target)
+@contextmanager
+def own_world(target: Target, path: str, fields: Mapping[str, str]) -> Iterator[tuple[str, bool]]:
+    """Yield the path of a world that may be edited, and whether nobody else knows of it.
+
+    It is the one at `path`, or if that is a seed's a new one of its seed and recipe, which is deleted at the end.
+    """
+    parts = urlsplit(path)
+    prefix, _, seed = parts.path.rpartition("/")
+    if prefix != "/v1/seeds":
+        yield path, False
+        return
+    name = f"load-{secrets.token_hex(NAME_BYTES)}"
+    content = {"id": name, "seed": seed, "recipe": parse_qs(parts.query)["recipe"][0]}
+    _ask(target, "POST", "/v1/worlds", fields, content)
+    path = f"/v1/worlds/{name}"
     try:
-        connection.request("GET", path, headers={**fields, "Host": target.authority})
+        yield path, True
+    finally:
+        with suppress(BadTarget):  # of a server that has gone away more has been said
+            _ask(target, "DELETE", path, fields)
+
+
+def revision(target: Target, path: str, fields: Mapping[str, str]) -> int:
+    """Return how many edits a world has taken. Raises BadTarget if it does not say."""
+    descriptor = _ask(target, "GET", path, fields)
+    try:
+        return int(descriptor["revision"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadTarget(f"{path} is no descriptor of a world: {error!r}") from None
+
+
+def _ask(
+    target: Target, method: str, path: str, fields: Mapping[str, str], content: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return what a request is answered with; nothing if that has no body. Raises BadTarget if it is refused."""
+    connection = _connection(target)
+    body = None if content is None else json.dumps(content)
+    headers = {**fields, "Host": target.authority} | ({"Content-Type": "application/json"} if body else {})
+    try:
+        connection.request(method, path, body, headers)
         answer = connection.getresponse()
-        content = answer.read(DESCRIPTOR_BYTES_MAX)
-        if answer.status != http.HTTPStatus.OK:
-            raise BadTarget(f"{path} is answered with {answer.status}: {content[:300].decode(errors='replace')}")
-        descriptor: dict[str, Any] = json.loads(content)
+        found = answer.read(DESCRIPTOR_BYTES_MAX)
+        if answer.status not in TAKEN:
+            raise BadTarget(f"{method} {path} is answered with {answer.status}: {found[:300].decode(errors='replace')}")
+        answered: dict[str, Any] = json.loads(found or b"{}")
     except (OSError, http.client.HTTPException, ValueError) as error:
-        raise BadTarget(f"no descriptor from {target.authority}{path}: {error}") from None
+        raise BadTarget(f"no answer to {method} {target.authority}{path}: {error}") from None
     finally:
         connection.close()
-    return descriptor
+    return answered
 
 
 def _connection(target: Target) -> http.client.HTTPConnection:
