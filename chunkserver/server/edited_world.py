@@ -48,7 +48,8 @@ class Place(NamedTuple):
     """What all worlds share.
 
     store: where they are kept. arena: where their bricks lie. thread: that folds. laying: that gives a log another
-        foundation, which takes as long as the disk does: one after the other. counts: what is counted.
+        foundation, which takes as long as the disk does: one after the other. keeping: that changes snapshots, with
+        rests: one after the other too. counts: what is counted.
     log_edits: of each world, that are kept one by one at least. sweep: called when rows of the log can go.
     """
 
@@ -56,6 +57,7 @@ class Place(NamedTuple):
     arena: Arena
     thread: ThreadPoolExecutor
     laying: ThreadPoolExecutor
+    keeping: ThreadPoolExecutor
     counts: EditCounts
     log_edits: int
     sweep: Callable[[], None]
@@ -72,7 +74,7 @@ class EditedWorld:
         self.history = history
         self._world, self._ground = world, ground
         self._store, self._counts = place.store, place.counts
-        self._thread, self._laying = place.thread, place.laying
+        self._thread, self._laying, self._snapshot_thread = place.thread, place.laying, place.keeping
         self._sweep = place.sweep
         self._log_edits, self._founds_at = place.log_edits, founded + place.log_edits
         self._moved = asyncio.Event()
@@ -158,7 +160,8 @@ class EditedWorld:
         """Let go of a world that is gone."""
         self._is_gone = True
         await self.close(partial(WorldGone, "the world is gone"))
-        await asyncio.to_thread(self._store.snapshots.drop, self._world.epoch)
+        drop = partial(self._store.snapshots.drop, self._world.epoch)
+        await asyncio.get_running_loop().run_in_executor(self._snapshot_thread, drop)
 
     async def _took(self, edit: Edit) -> Taken:
         measure = self.history.measuring(edit)
@@ -252,10 +255,11 @@ class EditedWorld:
         change = self.history.change(everything=founds or everything)
         put = partial(self._store.snapshots.put, self._world.epoch, self._world.generator, change.revision)
         parts = partial(gently, is_urgent=self._closing.is_set)
-        whole = await asyncio.to_thread(lambda: put(parts(change.parts()), parts(change.gone()), change.since))
+        loop, kept = asyncio.get_running_loop(), partial(put, parts(change.parts()), parts(change.gone()), change.since)
+        whole = await loop.run_in_executor(self._snapshot_thread, kept)
         if founds:
             found = partial(self._found, change.revision, parts(change.parts()))
-            await asyncio.get_running_loop().run_in_executor(self._laying, found)
+            await loop.run_in_executor(self._laying, found)
             self._sweep()
         return whole
 

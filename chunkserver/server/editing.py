@@ -59,8 +59,8 @@ class Editing:
         self.told: Callable[[Draft, int], None] = lambda _draft, _revision: None
         self.counts = EditCounts()
         self._store = store
-        fold, lay = (ThreadPoolExecutor(1, name) for name in ("fold", "lay"))
-        self._place = Place(store, arena, fold, lay, self.counts, log_edits, self.sweep)
+        fold, lay, keep = (ThreadPoolExecutor(1, name) for name in ("fold", "lay", "keep"))
+        self._place = Place(store, arena, fold, lay, keep, self.counts, log_edits, self.sweep)
         self._answer_seconds = answer_seconds
         self._worlds: dict[str, EditedWorld] = {}
         self._opening: dict[str, asyncio.Task[EditedWorld]] = {}
@@ -177,7 +177,7 @@ class Editing:
         if self._sweeping is not None:
             self._sweeping.cancel()
             await asyncio.gather(self._sweeping, return_exceptions=True)
-        for thread in (self._place.thread, self._place.laying):
+        for thread in (self._place.thread, self._place.laying, self._place.keeping):
             await asyncio.to_thread(thread.shutdown, cancel_futures=True)
 
     def _let_go(self, epoch: str) -> None:

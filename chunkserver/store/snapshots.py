@@ -10,6 +10,7 @@ import logging
 import threading
 import zlib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
@@ -68,7 +69,13 @@ class Snapshots:
         self._connection: apsw.Connection | None = None
 
     def load(self, epoch: str, generator: str) -> Snapshot | None:
-        """Return the snapshot of a world, or None: there is none, or another generator made it."""
+        """Return the snapshot of a world, or None: there is none, or another generator made it.
+
+        In a folder it does not wait while another one is put.
+        """
+        if self._path and self._path.exists():
+            with suppress(apsw.Error), closing(_opened(self._path)) as connection:
+                return _load(connection, epoch, generator)
         return self._attempt(lambda connection: _load(connection, epoch, generator))
 
     def put(
@@ -85,6 +92,9 @@ class Snapshots:
         changed: parts that are new or other than at `since`, names and contents.
         removed: names of parts that were there at `since`, and are no more.
         since: the revision of the snapshot that is changed; None: `changed` is all there is.
+
+        Both are taken as they are written; meanwhile others that put or drop have to wait. What they raise is raised,
+        and nothing has changed then, but for `apsw.Error` and OSError.
 
         Returns whether it was kept. If not, what is there is not of `since`, or is lost: put all of it.
         """

@@ -124,6 +124,7 @@ def test_what_is_folded_while_the_snapshot_is_written_is_kept_too(tmp_path, monk
 
     def slow(snapshots, *given):
         begun.set()
+        assert threading.current_thread().name.startswith("keep"), "others share asyncio's threads"
         assert go_on.wait(30)
         return put(snapshots, *given)
 

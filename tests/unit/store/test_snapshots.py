@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import apsw
@@ -35,6 +36,35 @@ def test_a_snapshot_is_changed_from_the_one_before(kept):
     assert kept.load("e", "g") == (9, changed)
     assert kept.put("e", "another", 3, {b"all": b"x"}.items())
     assert (kept.load("e", "another"), kept.load("e", "g")) == ((3, {b"all": b"x"}), None)
+
+
+def test_what_raises_while_it_is_put_changes_nothing(kept):
+    kept.put("e", "g", 7, PARTS.items())
+
+    def failing():
+        yield b"brick 1", b"new"
+        raise MemoryError
+
+    for since in (7, None):
+        with pytest.raises(MemoryError):
+            kept.put("e", "g", 8, failing(), [b"brick 2"], since)
+        assert kept.load("e", "g") == (7, PARTS)
+    assert kept.put("e", "g", 8, {}.items(), [b"brick 2"], 7), "the next one goes on"
+
+
+def test_nobody_waits_to_load_while_another_one_is_put(tmp_path):
+    with closing(Snapshots(tmp_path)) as kept, ThreadPoolExecutor(1) as thread:
+        kept.put("e", "g", 7, PARTS.items())
+
+        def slow():
+            yield b"brick 3", b"c"
+            loaded.append(thread.submit(kept.load, "e", "g").result(10))
+
+        loaded: list[object] = []
+        assert kept.put("other", "g", 1, slow())
+        assert kept.put("e", "g", 8, slow(), since=7)
+        assert loaded == [(7, PARTS), (7, PARTS)], "as it was, until all of it is there"
+        assert kept.load("e", "g") == (8, {**PARTS, b"brick 3": b"c"})
 
 
 def test_worlds_that_are_gone_are_dropped(kept):
