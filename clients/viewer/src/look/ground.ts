@@ -1,0 +1,279 @@
+/** The ground as it looks by daylight: what grows where, its detail, light, shadow and the air before it. */
+
+import { placed } from "chunkserver-client/three";
+import { ShaderMaterial, Vector3, type Texture } from "three";
+
+import { AIR, type AirUniforms } from "./air.js";
+import { OPENNESS, type OpennessUniforms } from "./openness.js";
+import type { Ground } from "./palette.js";
+import { PERIOD, TURNS } from "./period.js";
+import { SKY, type SkyUniforms } from "./sky.js";
+import { SHADOW, type ShadowUniforms } from "./shadows.js";
+import type { Quality } from "./quality.js";
+import { SLOPE_MAX } from "./noise.js";
+
+/** What changes with the viewer. */
+export interface GroundUniforms {
+  [name: string]: { value: unknown };
+  /** What is left of the anchor modulo PERIOD, metres. */
+  anchorLeft: { value: Vector3 };
+  /** The middle of a planet in the scene; of a flat world, its y is where height 0 is. Metres. */
+  middle: { value: Vector3 };
+  /** From where the ground is seen as hazy as the sky behind it, metres. */
+  visibility: { value: number };
+}
+
+/** Everything the ground is drawn with. */
+export interface GroundParts {
+  readonly ground: Ground;
+  readonly own: GroundUniforms;
+  readonly air: AirUniforms;
+  readonly sky: SkyUniforms;
+  readonly shadow: ShadowUniforms;
+  readonly openness: OpennessUniforms;
+  readonly rock: Texture;
+  readonly soil: Texture;
+  /** Metres; null for a flat world. */
+  readonly radius: number | null;
+  readonly voxelSize: number;
+  readonly quality: Quality;
+}
+
+/** The material of all chunks in daylight. */
+export function groundMaterial(parts: GroundParts): ShaderMaterial {
+  const { ground, radius, quality } = parts;
+  const uniforms = {
+    ...parts.own,
+    ...parts.air,
+    ...parts.sky,
+    ...parts.shadow,
+    ...parts.openness,
+    rockNoise: { value: parts.rock },
+    soilNoise: { value: parts.soil },
+    rockColour: { value: new Vector3(...ground.rock) },
+    rockLayerColour: { value: new Vector3(...ground.rockLayer) },
+    grassColour: { value: new Vector3(...ground.grass) },
+    grassDryColour: { value: new Vector3(...ground.grassDry) },
+    soilColour: { value: new Vector3(...ground.soil) },
+    snowColour: { value: new Vector3(...ground.snow) },
+    soilBelow: { value: ground.soilBelow },
+    snowAbove: { value: ground.snowAbove },
+    grassSlope: { value: ground.grassSlope },
+    layers: { value: ground.layers },
+    roughness: { value: ground.roughness },
+    radius: { value: radius ?? 0 },
+    voxelSize: { value: parts.voxelSize },
+  };
+  const defines: Record<string, number> = {};
+  if (radius !== null) {
+    defines["PLANET"] = 1;
+  }
+  if (quality === "high") {
+    defines["FINE"] = 1;
+  }
+  return placed(
+    new ShaderMaterial({ uniforms, defines, vertexShader: VERTEX, fragmentShader: FRAGMENT, dithering: true }),
+  );
+}
+
+/** Puts chunks where they are, and says where that is, in metres, and which way the surface looks. */
+export const VERTEX = /* glsl */ `
+#include <common>
+#include <logdepthbuf_pars_vertex>
+varying vec3 place;
+varying vec3 outwards;
+void main() {
+  #include <begin_vertex>
+  vec4 world = modelMatrix * vec4(transformed, 1.0);
+  place = world.xyz;
+  outwards = normal;
+  gl_Position = projectionMatrix * (viewMatrix * world);
+  #include <logdepthbuf_vertex>
+}
+`;
+
+const turns = TURNS.map(([a, b]) => `mat2(${a}.0, ${b}.0, ${-b}.0, ${a}.0) / ${PERIOD}.0`);
+
+const FRAGMENT = /* glsl */ `
+#include <common>
+#include <dithering_pars_fragment>
+#include <logdepthbuf_pars_fragment>
+varying vec3 place;
+varying vec3 outwards;
+uniform vec3 anchorLeft;
+uniform vec3 middle;
+uniform float visibility;
+uniform sampler2D rockNoise;
+uniform sampler2D soilNoise;
+uniform vec3 rockColour;
+uniform vec3 rockLayerColour;
+uniform vec3 grassColour;
+uniform vec3 grassDryColour;
+uniform vec3 soilColour;
+uniform vec3 snowColour;
+uniform float soilBelow;
+uniform float snowAbove;
+uniform float grassSlope;
+uniform float layers;
+uniform float roughness;
+uniform float radius;
+uniform float voxelSize;
+${AIR}
+${SKY}
+${SHADOW}
+${OPENNESS}
+
+/** A texture on one plane: height, slope along the plane's axes, coarse height. */
+vec4 plane(sampler2D noise, vec2 at, vec2 dx, vec2 dy, mat2 turn) {
+  vec4 found = textureGrad(noise, turn * at, turn * dx, turn * dy) * 2.0 - 1.0039;
+  return vec4(found.x, found.yz * turn, found.w);
+}
+
+struct Detail {
+  float height;
+  float coarse;
+  vec3 slope;
+};
+
+vec3 dx;
+vec3 dy;
+
+/** The same texture from three sides, where a side is seen at all. */
+Detail triplanar(sampler2D noise, vec3 at, vec3 weights, mat2 turn) {
+  Detail all = Detail(0.0, 0.0, vec3(0.0));
+  if (weights.x > 0.01) {
+    vec4 one = weights.x * plane(noise, at.yz, dx.yz, dy.yz, turn);
+    all.height += one.x; all.coarse += one.w; all.slope.yz += one.yz;
+  }
+  if (weights.y > 0.01) {
+    vec4 one = weights.y * plane(noise, at.zx, dx.zx, dy.zx, turn);
+    all.height += one.x; all.coarse += one.w; all.slope.zx += one.yz;
+  }
+  if (weights.z > 0.01) {
+    vec4 one = weights.z * plane(noise, at.xy, dx.xy, dy.xy, turn);
+    all.height += one.x; all.coarse += one.w; all.slope.xy += one.yz;
+  }
+  return all;
+}
+
+vec3 sides(vec3 normal) {
+  vec3 weights = max(abs(normal) - 0.2, 0.0);
+  weights *= weights * weights;
+  return weights / (weights.x + weights.y + weights.z);
+}
+
+void main() {
+  #include <logdepthbuf_fragment>
+  vec3 normal = normalize(outwards);
+  vec3 toEye = cameraPosition - place;
+  float far = length(toEye);
+  vec3 view = toEye / far;
+#ifdef PLANET
+  vec3 fromMiddle = place - middle;
+  float rise = length(fromMiddle);
+  vec3 up = fromMiddle / rise;
+  float height = (rise - radius) / voxelSize;
+#else
+  vec3 up = vec3(0.0, 1.0, 0.0);
+  float height = (place.y - middle.y) / voxelSize;
+#endif
+  float slope = dot(normal, up);
+  vec3 at = place + anchorLeft;
+  dx = dFdx(place);
+  dy = dFdy(place);
+  vec3 weights = sides(normal);
+
+  Detail wide = triplanar(soilNoise, at, weights, ${turns[0]});
+  Detail mid = triplanar(soilNoise, at, weights, ${turns[1]});
+  float patches = wide.height * 0.65 + mid.height * 0.35;
+
+  // what grows where; edges between are broken up by noise
+  float rugged = mid.height * 0.10 + wide.height * 0.05;
+  float grass = smoothstep(grassSlope - 0.10, grassSlope + 0.06, slope + rugged);
+  float soil = 1.0 - smoothstep(soilBelow - 1.0, soilBelow + 1.5, height + wide.height * 6.0 + mid.height * 2.0);
+  float bare = smoothstep(grassSlope - 0.24, grassSlope - 0.06, slope + rugged * 1.4) * (1.0 - grass);
+  float snowLine = snowAbove + wide.height * 9.0 + mid.height * 5.0;
+#ifdef PLANET
+  snowLine += 26.0 - 60.0 * smoothstep(0.62, 1.0, abs(up.y) + wide.height * 0.10);
+#endif
+  float snow = smoothstep(-2.0, 3.0, height - snowLine) * smoothstep(0.35, 0.62, slope + rugged);
+
+  float rocky = (1.0 - grass) * (1.0 - bare) * (1.0 - snow);
+  float tone = patches;
+  vec3 bump = vec3(0.0);
+#ifdef FINE
+  float strata = sin((height + mid.coarse * 3.0 + wide.height * 8.0) * 0.9) + 0.5 * sin((height + mid.height * 2.0) * 2.7 + 1.3);
+#else
+  float strata = sin((height + mid.coarse * 3.0) * 0.9);
+#endif
+  float fineTone = 0.0;
+#ifdef FINE
+  float coarseRock = 0.0;
+  if (rocky > 0.01) {
+    Detail a = triplanar(rockNoise, at, weights, ${turns[1]});
+    Detail b = triplanar(rockNoise, at, weights, ${turns[2]});
+    Detail c = triplanar(rockNoise, at, weights, ${turns[3]});
+    fineTone += rocky * (a.height * 0.5 + b.height * 0.55 + c.height * 0.4);
+    bump += rocky * (a.slope * 1.1 + b.slope * 0.5 + c.slope * 0.10);
+  }
+  if (rocky < 0.99) {
+    Detail b = triplanar(soilNoise, at, weights, ${turns[2]});
+    Detail c = triplanar(soilNoise, at, weights, ${turns[3]});
+    fineTone += (1.0 - rocky) * (b.height * 0.45 + c.height * 0.5);
+    bump += (1.0 - rocky) * (mid.slope * 0.5 + b.slope * 0.20 + c.slope * 0.06) * (1.0 - 0.7 * snow);
+  }
+  bump *= ${SLOPE_MAX}.0 * roughness;
+  bump -= dot(bump, normal) * normal;
+  vec3 face = normalize(normal - bump * 0.35);
+#else
+  vec3 face = normal;
+#endif
+  float touch = clamp(0.5 + 0.5 * fineTone, 0.0, 1.0);
+
+  vec3 rock = mix(rockColour, rockLayerColour, clamp(0.5 + 0.4 * layers * strata - 0.35 * patches, 0.0, 1.0));
+  rock *= mix(1.0, 0.55 + 0.8 * touch, roughness);
+  vec3 meadow = mix(grassColour, grassDryColour, clamp(0.42 + patches * 1.2 + fineTone * 0.25, 0.0, 1.0));
+  meadow *= mix(1.0, 0.62 + 0.68 * touch, max(roughness, 0.5));
+  vec3 earth = soilColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);
+  vec3 colour = mix(rock, earth, bare);
+  colour = mix(colour, mix(meadow, earth, soil), grass);
+  colour = mix(colour, snowColour * (0.92 + 0.08 * touch), snow);
+
+  float open = openness(place, normal, up);
+  float lit = dot(face, sunDirection);
+  float shadow = lit > 0.0 ? sunlight(place, normal, far) : 0.0;
+#ifdef PLANET
+  vec3 sun = sunLight * sunThrough(place - airCentre);
+  float day = smoothstep(-0.25, 0.35, dot(up, sunDirection));
+#else
+  vec3 sun = sunLight * sunThrough(vec3(0.0, airShape.x + 50.0, 0.0));
+  float day = 1.0;
+#endif
+  float facing = 0.5 + 0.5 * dot(face, up);
+  vec3 ambient = mix(vec3(0.62, 0.52, 0.42), vec3(0.72, 1.0, 1.45), facing) * (3.0 * day) + 0.02;
+  vec3 bounce = sun * 0.045 * (1.0 - facing) * vec3(1.0, 0.9, 0.75);
+  float crevice = mix(1.0, 0.45 + 0.85 * touch, 0.6 * roughness);
+  vec3 light = sun * max(lit, 0.0) * shadow + (ambient + bounce) * open * crevice;
+  // whoever goes underground carries a lamp
+  float lamp = (1.0 - open) * max(dot(face, view), 0.0) / (1.0 + far * far * 0.012);
+  light += vec3(1.0, 0.8, 0.55) * 1.6 * lamp * crevice;
+  colour *= light * 0.31831;
+
+#ifdef PLANET
+  vec3 added;
+  vec3 through;
+  scatter(cameraPosition - airCentre, -view, far, 5, added, through);
+  colour = colour * through + added;
+#else
+  float haze = far / visibility;
+  float through = exp(-0.18 * haze - 3.6 * haze * haze * haze);
+  vec3 ahead = -view;
+  ahead.y = max(ahead.y, 0.004);
+  colour = mix(skyAt(normalize(ahead)).rgb, colour, through);
+#endif
+  gl_FragColor = vec4(colour, 1.0);
+  #include <tonemapping_fragment>
+  #include <colorspace_fragment>
+  #include <dithering_fragment>
+}
+`;

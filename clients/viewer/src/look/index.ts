@@ -1,0 +1,259 @@
+/**
+ * How a world looks: daylight, or one of the views that show how it is made.
+ *
+ *     const look = new Look(renderer, scene, { seedOrRecipeName: "planet", voxelSize: 1, isPlanet: true, ... });
+ *     group.add(new ChunkObject(mesh, look.materialFor(mesh)));
+ *     look.update(camera, group.anchor, up, seconds);
+ *     look.render(camera);
+ *
+ * It adds a sky to the scene, and finds the chunks in it by itself.
+ */
+
+import type { ChunkMesh } from "chunkserver-client";
+import {
+  ACESFilmicToneMapping,
+  Color,
+  Scene,
+  SRGBColorSpace,
+  Vector3,
+  type Camera,
+  type Material,
+  type PerspectiveCamera,
+  type WebGLRenderer,
+} from "three";
+
+import { airUniforms, type AirUniforms } from "./air.js";
+import { groundMaterial, type GroundUniforms } from "./ground.js";
+import { rockNoise, soilNoise, textureOf } from "./noise.js";
+import { Openness } from "./openness.js";
+import { groundOf } from "./palette.js";
+import { remainder } from "./period.js";
+import { qualityOf, type Quality } from "./quality.js";
+import { Shadows } from "./shadows.js";
+import { Sky } from "./sky.js";
+import { sunFor } from "./sun.js";
+import { chunksOf, signatureOf, surveyOf, type Survey } from "./survey.js";
+import { BACKGROUND, cellUnitsOf, viewMaterials, type ViewMaterials } from "./views.js";
+
+export type View = "shaded" | "wireframe" | "levels" | "normals";
+
+/** What a look depends on. */
+export interface LookWorld {
+  /** Of a built-in recipe; any other text looks like meadows. */
+  readonly seedOrRecipeName: string;
+  /** Metres. */
+  readonly voxelSize: number;
+  readonly isPlanet: boolean;
+  /** Of a planet, voxels. */
+  readonly centre: readonly [number, number, number] | null;
+  readonly radius: number | null;
+}
+
+/** Metres: how far one sees before anything is there to be seen, and at least. */
+const VISIBILITY_FIRST = 600;
+const VISIBILITY_LEAST = 160;
+const SHADOW_SIZE = 2048;
+/** Milliseconds between two drawings of shadows while chunks come in. */
+const SHADOWS_EACH_MS = 120;
+
+export class Look {
+  readonly quality: Quality;
+  private view: View = "shaded";
+  private readonly air: AirUniforms;
+  private readonly sky: Sky;
+  private readonly shadows: Shadows;
+  private readonly openness = new Openness();
+  private readonly own: GroundUniforms;
+  private readonly textures;
+  private readonly shaded: Material;
+  private readonly views: ViewMaterials;
+  private readonly cellUnits = { value: 1024 };
+  private readonly before;
+  private readonly sun = new Vector3();
+  private survey: Survey | null = null;
+  private signature = -1;
+  private surveyedAt = new Vector3(Infinity, 0, 0);
+  private drawnShadows = -Infinity;
+  private anchor = "";
+
+  /** @param quality by default what the address asks for (`?quality=high`), or what the graphics card is up to */
+  constructor(
+    private readonly renderer: WebGLRenderer,
+    private readonly scene: Scene,
+    private readonly world: LookWorld,
+    quality?: Quality,
+  ) {
+    this.quality = quality ?? qualityOf(renderer.getContext(), globalThis.location?.search ?? "");
+    this.before = { toneMapping: renderer.toneMapping, exposure: renderer.toneMappingExposure };
+    renderer.toneMapping = ACESFilmicToneMapping;
+    renderer.toneMappingExposure = 0.36;
+    renderer.outputColorSpace = SRGBColorSpace;
+    const ground = groundOf(world.seedOrRecipeName);
+    const radius = world.isPlanet && world.radius !== null ? world.radius * world.voxelSize : null;
+    this.air = airUniforms(radius, ground.airless);
+    this.sky = new Sky(scene, this.air, this.quality === "high" ? 24 : 10);
+    this.shadows = new Shadows(this.quality === "high" ? SHADOW_SIZE : 1);
+    this.own = {
+      anchorLeft: { value: new Vector3() },
+      middle: { value: new Vector3() },
+      visibility: { value: VISIBILITY_FIRST },
+    };
+    const anisotropy = Math.min(4, renderer.capabilities.getMaxAnisotropy());
+    this.textures = { rock: textureOf(rockNoise(1), anisotropy), soil: textureOf(soilNoise(2), anisotropy) };
+    this.shaded = groundMaterial({
+      ground,
+      radius,
+      own: this.own,
+      air: this.air,
+      sky: this.sky.uniforms,
+      shadow: this.shadows.uniforms,
+      openness: this.openness.uniforms,
+      ...this.textures,
+      voxelSize: world.voxelSize,
+      quality: this.quality,
+    });
+    this.views = viewMaterials(this.cellUnits);
+  }
+
+  /** The same for all chunks of a view; already `placed`. */
+  materialFor(chunk: ChunkMesh): Material {
+    this.cellUnits.value = cellUnitsOf(chunk);
+    const { lines, levels, normals } = this.views;
+    return { shaded: this.shaded, wireframe: lines, levels, normals }[this.view];
+  }
+
+  /** Also for all chunks that are in the scene. */
+  setView(view: View): void {
+    this.view = view;
+    for (const chunk of chunksOf(this.scene)) {
+      chunk.material = this.materialFor(chunk.chunk);
+    }
+  }
+
+  /**
+   * Before each frame.
+   *
+   * @param anchor where the scene's origin is, voxels
+   * @param up at the viewer
+   * @param seconds since the frame before
+   */
+  update(camera: PerspectiveCamera, anchor: readonly [number, number, number], up: Vector3, seconds: number): void {
+    this.placeWorld(anchor);
+    this.look(camera);
+    if (this.view !== "shaded") {
+      return;
+    }
+    this.placeSun(camera, up);
+    this.sky.update(this.renderer, camera, up);
+    const reach = Math.max(this.survey?.reach ?? VISIBILITY_FIRST, VISIBILITY_LEAST);
+    const visibility = this.own.visibility;
+    visibility.value += (reach - visibility.value) * (1 - Math.exp(-2 * seconds));
+    if (this.quality === "high" && this.survey !== null) {
+      this.drawShadows(this.survey, up);
+    }
+  }
+
+  resize(_width: number, _height: number): void {}
+
+  render(camera: PerspectiveCamera): void {
+    const { renderer, scene } = this;
+    this.sky.visible = this.view === "shaded";
+    if (this.view === "shaded") {
+      renderer.render(scene, camera);
+      return;
+    }
+    const background = scene.background;
+    scene.background = BACKGROUND;
+    if (this.view === "wireframe") {
+      this.draw(camera, this.views.hidden, BACKGROUND);
+      scene.background = null;
+      const clears = renderer.autoClear;
+      renderer.autoClear = false;
+      renderer.render(scene, camera);
+      renderer.autoClear = clears;
+    } else {
+      renderer.render(scene, camera);
+    }
+    scene.background = background;
+  }
+
+  dispose(): void {
+    this.sky.dispose();
+    this.shadows.dispose();
+    this.openness.dispose();
+    this.shaded.dispose();
+    Object.values(this.views).forEach((material: Material) => material.dispose());
+    Object.values(this.textures).forEach((texture) => texture.dispose());
+    this.renderer.toneMapping = this.before.toneMapping;
+    this.renderer.toneMappingExposure = this.before.exposure;
+  }
+
+  private placeWorld(anchor: readonly [number, number, number]): void {
+    const { voxelSize, isPlanet, centre } = this.world;
+    this.own.anchorLeft.value.set(...remainder(anchor, voxelSize));
+    const [x, y, z] = anchor.map((voxel, axis) => ((centre?.[axis] ?? 0) - voxel) * voxelSize);
+    this.own.middle.value.set(isPlanet ? x! : 0, y!, isPlanet ? z! : 0);
+    this.air.airCentre.value.copy(this.own.middle.value);
+    if (!isPlanet) {
+      this.air.airCentre.value.y -= this.air.airShape.value[0];
+    }
+    const name = anchor.join();
+    if (name !== this.anchor) {
+      this.anchor = name;
+      this.signature = -1;
+    }
+  }
+
+  /** Looks at what is drawn, if that has changed or the viewer has moved. */
+  private look(camera: PerspectiveCamera): void {
+    const signature = signatureOf(this.scene);
+    const isSame = signature === this.signature;
+    if (isSame && this.surveyedAt.distanceTo(camera.position) < this.world.voxelSize) {
+      return;
+    }
+    this.signature = signature;
+    this.surveyedAt.copy(camera.position);
+    if (!isSame) {
+      this.scene.updateMatrixWorld();
+      this.shadows.outdate();
+      this.openness.outdate();
+    }
+    this.survey = surveyOf(isSame && this.survey ? this.survey.chunks : chunksOf(this.scene), camera.position);
+  }
+
+  private placeSun(camera: PerspectiveCamera, up: Vector3): void {
+    const { isPlanet, radius, voxelSize } = this.world;
+    const height = isPlanet ? camera.position.distanceTo(this.own.middle.value) / ((radius ?? 1) * voxelSize) - 1 : 0;
+    const sun = sunFor(this.sun, up, height);
+    if (this.air.sunDirection.value.distanceTo(sun) > 1e-3) {
+      this.air.sunDirection.value.copy(sun);
+      this.shadows.outdate();
+    }
+  }
+
+  private drawShadows(survey: Survey, up: Vector3): void {
+    const now = performance.now();
+    if (now - this.drawnShadows < SHADOWS_EACH_MS) {
+      return;
+    }
+    this.drawnShadows = now;
+    const voxel = this.world.voxelSize * 2 ** survey.lod;
+    const draw = (camera: Camera, material: Material) => this.draw(camera, material, null);
+    const origin = this.own.anchorLeft.value.clone().negate();
+    this.shadows.update(this.renderer, survey.nearest, voxel, this.air.sunDirection.value, origin, draw);
+    this.openness.update(this.renderer, survey.nearest, voxel, up, draw);
+  }
+
+  /** Draws all chunks, and nothing else, with one material. */
+  private draw(camera: Camera, material: Material, background: Color | null): void {
+    const scene = new Scene();
+    scene.children = [...(this.survey?.chunks ?? [])];
+    scene.matrixWorldAutoUpdate = false;
+    scene.overrideMaterial = material;
+    scene.background = background;
+    const clears = this.renderer.autoClear;
+    this.renderer.autoClear = background !== null;
+    this.renderer.render(scene, camera);
+    this.renderer.autoClear = clears;
+  }
+}

@@ -1,0 +1,115 @@
+/** Colours: of the ground, by what a recipe's name says of it, and of levels of detail. */
+
+/** Linear RGB. */
+export type Colour = readonly [number, number, number];
+
+/** What the ground of a world looks like. Heights are in voxels, over y = 0 or the radius. */
+export interface Ground {
+  readonly rock: Colour;
+  /** Rock changes to it in layers. */
+  readonly rockLayer: Colour;
+  /** Where it is gently sloped. */
+  readonly grass: Colour;
+  readonly grassDry: Colour;
+  /** Between grass and rock, and where it is low. */
+  readonly soil: Colour;
+  readonly snow: Colour;
+  /** Below it there is soil in place of grass. */
+  readonly soilBelow: number;
+  /** Above it there is snow. */
+  readonly snowAbove: number;
+  /** The slope at which grass becomes rock: cosine of the angle to the horizontal. */
+  readonly grassSlope: number;
+  /** How much the layers in rock show. */
+  readonly layers: number;
+  /** How rough a detail looks: 1 is rock as it grows, 0 is smooth. */
+  readonly roughness: number;
+  /** Whether its air is as thin as that of a moon. */
+  readonly airless: boolean;
+}
+
+const NEVER = 1e9;
+
+const MEADOWS: Ground = {
+  rock: srgb(0x8b8378),
+  rockLayer: srgb(0x6d655c),
+  grass: srgb(0x5f7d35),
+  grassDry: srgb(0x98934e),
+  soil: srgb(0x84694a),
+  snow: srgb(0xf1f4f8),
+  soilBelow: -14,
+  snowAbove: 95,
+  grassSlope: 0.74,
+  layers: 0.5,
+  roughness: 1,
+  airless: false,
+};
+
+const DESERT: Ground = {
+  ...MEADOWS,
+  rock: srgb(0xb9744a),
+  rockLayer: srgb(0xd7a173),
+  grass: srgb(0xc9955f),
+  grassDry: srgb(0xdcb382),
+  soil: srgb(0xc08a58),
+  soilBelow: -NEVER,
+  snowAbove: NEVER,
+  grassSlope: 0.8,
+  layers: 1,
+};
+
+const MOON: Ground = {
+  ...MEADOWS,
+  rock: srgb(0x8a8783),
+  rockLayer: srgb(0x75726f),
+  grass: srgb(0x9d9a95),
+  grassDry: srgb(0xb0ada8),
+  soil: srgb(0x86837f),
+  soilBelow: -NEVER,
+  snowAbove: NEVER,
+  grassSlope: 0.6,
+  layers: 0.15,
+  airless: true,
+};
+
+const CITY: Ground = {
+  ...MEADOWS,
+  rock: srgb(0xb8b2a8),
+  rockLayer: srgb(0xa59e93),
+  grass: srgb(0x9a958d),
+  grassDry: srgb(0xaaa49a),
+  soil: srgb(0x4e5054),
+  soilBelow: 1.5,
+  snowAbove: NEVER,
+  grassSlope: 0.9,
+  layers: 0,
+  roughness: 0.35,
+};
+
+const GROUNDS: Readonly<Record<string, Ground>> = {
+  planet: { ...MEADOWS, soilBelow: -9, snowAbove: 15 },
+  islands: { ...MEADOWS, soil: srgb(0xd8c392), soilBelow: 3, snowAbove: 78 },
+  canyon: DESERT,
+  arches: DESERT,
+  moon: MOON,
+  city: CITY,
+};
+
+/** The ground of a recipe; meadows and rock for one that it does not know. */
+export function groundOf(name: string): Ground {
+  return GROUNDS[name] ?? MEADOWS;
+}
+
+/** The colour of each level of detail, sRGB as 0xRRGGBB, the finest first; from the last on they start again. */
+export const LEVELS: readonly number[] = [
+  0x3b82f6, 0x22c55e, 0xfacc15, 0xf97316, 0xef4444, 0xd946ef, 0x8b5cf6, 0x14b8a6, 0xa3e635, 0xf472b6,
+];
+
+/** 0xRRGGBB of sRGB to linear. */
+export function srgb(hex: number): Colour {
+  const [red, green, blue] = [hex >> 16, (hex >> 8) & 255, hex & 255].map((byte) => {
+    const value = byte / 255;
+    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+  });
+  return [red!, green!, blue!];
+}

@@ -1,0 +1,227 @@
+/**
+ * The sky: worked out for few directions in each frame and kept in a small texture, which the dome and the haze before
+ * the ground both read. So the ground fades into exactly the sky that is behind it.
+ */
+
+import {
+  BackSide,
+  ClampToEdgeWrapping,
+  HalfFloatType,
+  LinearFilter,
+  Mesh,
+  OrthographicCamera,
+  PlaneGeometry,
+  Scene,
+  ShaderMaterial,
+  SphereGeometry,
+  Vector3,
+  WebGLRenderTarget,
+  type PerspectiveCamera,
+  type Texture,
+  type WebGLRenderer,
+} from "three";
+
+import { AIR, type AirUniforms } from "./air.js";
+
+const [AZIMUTHS, ELEVATIONS] = [64, 128];
+
+/** What a shader needs to read the sky. */
+export interface SkyUniforms {
+  [name: string]: { value: unknown };
+  sky: { value: Texture };
+  skyUp: { value: Vector3 };
+  /** Level, towards the sun. */
+  skySun: { value: Vector3 };
+  /** The horizon's angle below the level. */
+  skyDip: { value: number };
+}
+
+/** `skyAt`: the light from a direction, and how much of what is behind the air comes through. */
+export const SKY = /* glsl */ `
+uniform sampler2D sky;
+uniform vec3 skyUp;
+uniform vec3 skySun;
+uniform float skyDip;
+
+vec4 skyAt(vec3 direction) {
+  float above = asin(clamp(dot(direction, skyUp), -1.0, 1.0)) + skyDip;
+  float range = above > 0.0 ? 1.5707963 + skyDip : 1.5707963 - skyDip;
+  float v = 0.5 + 0.5 * sign(above) * sqrt(abs(above) / range);
+  vec3 level = direction - skyUp * dot(direction, skyUp);
+  float u = acos(clamp(dot(level, skySun) / max(length(level), 1e-5), -1.0, 1.0)) * 0.31830989;
+  return texture2D(sky, vec2(u, v));
+}
+`;
+
+/** Draws it: before each frame `update`; the dome is in the scene. */
+export class Sky {
+  readonly uniforms: SkyUniforms;
+  private readonly target = new WebGLRenderTarget(AZIMUTHS, ELEVATIONS, {
+    type: HalfFloatType,
+    minFilter: LinearFilter,
+    magFilter: LinearFilter,
+    wrapS: ClampToEdgeWrapping,
+    wrapT: ClampToEdgeWrapping,
+    depthBuffer: false,
+  });
+  private readonly dome: Mesh<SphereGeometry, ShaderMaterial>;
+  private readonly quad: Mesh<PlaneGeometry, ShaderMaterial>;
+  private readonly quadScene = new Scene();
+  private readonly quadCamera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
+  private readonly eye = { value: new Vector3() };
+
+  constructor(
+    private readonly scene: Scene,
+    private readonly air: AirUniforms,
+    steps: number,
+  ) {
+    this.uniforms = {
+      sky: { value: this.target.texture },
+      skyUp: { value: new Vector3(0, 1, 0) },
+      skySun: { value: new Vector3(1, 0, 0) },
+      skyDip: { value: 0 },
+    };
+    this.quad = new Mesh(
+      new PlaneGeometry(2, 2),
+      new ShaderMaterial({
+        uniforms: { ...air, ...this.uniforms, eye: this.eye },
+        vertexShader: FLAT_VERTEX,
+        fragmentShader: `#define STEPS ${steps}\n${TABLE_FRAGMENT}`,
+        depthTest: false,
+        depthWrite: false,
+        toneMapped: false,
+      }),
+    );
+    this.quad.frustumCulled = false;
+    this.quadScene.add(this.quad);
+    this.dome = new Mesh(
+      new SphereGeometry(1, 48, 32),
+      new ShaderMaterial({
+        uniforms: { ...air, ...this.uniforms },
+        vertexShader: DOME_VERTEX,
+        fragmentShader: DOME_FRAGMENT,
+        dithering: true,
+        side: BackSide,
+        depthTest: false,
+        depthWrite: false,
+      }),
+    );
+    this.dome.renderOrder = -1000;
+    this.dome.frustumCulled = false;
+    this.dome.raycast = () => {};
+    scene.add(this.dome);
+  }
+
+  set visible(isVisible: boolean) {
+    this.dome.visible = isVisible;
+  }
+
+  get visible(): boolean {
+    return this.dome.visible;
+  }
+
+  /** Works the sky out anew, for a viewer. */
+  update(renderer: WebGLRenderer, camera: PerspectiveCamera, up: Vector3): void {
+    const [ground] = this.air.airShape.value;
+    const eye = this.eye.value.copy(camera.position).sub(this.air.airCentre.value);
+    const height = Math.max(eye.length(), ground * (1 + 1e-6));
+    const sun = this.air.sunDirection.value;
+    this.uniforms.skyUp.value.copy(up);
+    this.uniforms.skyDip.value = Math.acos(Math.min(1, ground / height));
+    const level = this.uniforms.skySun.value.copy(sun).addScaledVector(up, -sun.dot(up));
+    if (level.length() < 1e-4) {
+      level.set(up.y, up.z, up.x).addScaledVector(up, -level.dot(up));
+    }
+    level.normalize();
+    this.dome.position.copy(camera.position);
+    this.dome.scale.setScalar(camera.near * 10);
+    const before = renderer.getRenderTarget();
+    renderer.setRenderTarget(this.target);
+    renderer.render(this.quadScene, this.quadCamera);
+    renderer.setRenderTarget(before);
+  }
+
+  dispose(): void {
+    this.scene.remove(this.dome);
+    for (const mesh of [this.dome, this.quad]) {
+      mesh.geometry.dispose();
+      mesh.material.dispose();
+    }
+    this.target.dispose();
+  }
+}
+
+const FLAT_VERTEX = /* glsl */ `
+varying vec2 place;
+void main() {
+  place = uv;
+  gl_Position = vec4(position.xy, 0.0, 1.0);
+}
+`;
+
+const TABLE_FRAGMENT = /* glsl */ `
+varying vec2 place;
+uniform vec3 eye;
+${AIR}
+uniform vec3 skyUp;
+uniform vec3 skySun;
+uniform float skyDip;
+void main() {
+  float v = place.y * 2.0 - 1.0;
+  float above = sign(v) * v * v * (v > 0.0 ? 1.5707963 + skyDip : 1.5707963 - skyDip) - skyDip;
+  float azimuth = place.x * 3.14159265;
+  vec3 side = cross(skyUp, skySun);
+  vec3 direction = skyUp * sin(above) + cos(above) * (skySun * cos(azimuth) + side * sin(azimuth));
+  vec3 light;
+  vec3 through;
+  scatter(eye, direction, 1e12, STEPS, light, through);
+  gl_FragColor = vec4(min(light, 500.0), dot(through, vec3(1.0 / 3.0)));
+}
+`;
+
+const DOME_VERTEX = /* glsl */ `
+#include <common>
+varying vec3 ahead;
+void main() {
+  ahead = position;
+  gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+}
+`;
+
+const DOME_FRAGMENT = /* glsl */ `
+#include <common>
+#include <dithering_pars_fragment>
+varying vec3 ahead;
+${AIR}
+${SKY}
+/** One star at most in each cell of a cube's faces, few of them bright. */
+float stars(vec3 direction) {
+  vec3 size = abs(direction);
+  float most = max(size.x, max(size.y, size.z));
+  vec3 cell = direction / most * 90.0;
+  vec3 corner = floor(cell + 0.5);
+  vec3 random = fract(sin(vec3(
+    dot(corner, vec3(12.9898, 78.233, 37.719)),
+    dot(corner, vec3(39.346, 11.135, 83.155)),
+    dot(corner, vec3(73.156, 52.235, 9.151)))) * 43758.5453);
+  float away = length(normalize(corner + (random - 0.5) * 0.7) - normalize(direction)) * 90.0;
+  float bright = pow(random.x, 12.0) * 2.5 + 0.05 * step(0.6, random.y);
+  return bright * (1.0 - smoothstep(0.03, 0.16, away));
+}
+void main() {
+  vec3 direction = normalize(ahead);
+  vec4 air = skyAt(direction);
+  vec3 light = air.rgb;
+  float dark = clamp(1.0 - dot(light, vec3(0.6)), 0.0, 1.0);
+  light += stars(direction) * air.a * air.a * dark * dark;
+  float apart = acos(clamp(dot(direction, sunDirection), -1.0, 1.0));
+  float above = asin(clamp(dot(direction, skyUp), -1.0, 1.0)) + skyDip;
+  float disc = 1.0 - smoothstep(0.011, 0.0135, apart);
+  float glow = 0.012 / (0.002 + apart * apart * 14.0) * exp(-apart * 5.0);
+  light += (disc * 3.0 + glow * 0.02) * sunLight * air.a * smoothstep(-0.004, 0.004, above);
+  gl_FragColor = vec4(light, 1.0);
+  #include <tonemapping_fragment>
+  #include <colorspace_fragment>
+  #include <dithering_fragment>
+}
+`;
