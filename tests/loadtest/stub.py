@@ -96,7 +96,7 @@ class Server:
         self._ready.set()
         await self._over.wait()
         server.close()
-        await asyncio.sleep(PAUSE_SECONDS)  # a connection that was just accepted has its task one turn of the loop later
+        await asyncio.sleep(PAUSE_SECONDS)  # a connection just accepted has its task one turn of the loop later
         still_open = tuple(self._open)  # a writer that is closed by its task may still have something to write
         for task in self._tasks:
             task.cancel()

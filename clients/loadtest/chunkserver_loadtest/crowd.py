@@ -166,7 +166,11 @@ class Crowd:
         return backs
 
     def edit(self, name: str, strokes: Strokes, due: float | None = None) -> Sent:
-        """Have an editor send an edit, as soon as there is room. due: when it was to be sent; now, if left out."""
+        """Have an editor send an edit, as soon as there is room. due: when it was to be sent; now, if left out.
+
+        Raises ConnectionError if the editor is lost.
+        """
+        self._check(name)
         now = time.perf_counter()
         sent = Sent(now if due is None else due, strokes)
         self._editors[name].add(sent)
@@ -179,9 +183,8 @@ class Crowd:
 
     async def answer(self, name: str, sent: Sent) -> Sent:
         """Return an edit of an editor when it is answered. Raises ConnectionError if the editor is lost before that."""
-        if name in self.lost:
-            raise ConnectionError(f"{name} is lost: {self.lost[name].detail}")
         if not sent.answered:
+            self._check(name)
             waiting = asyncio.get_running_loop().create_future()
             self._answers[id(sent)] = name, waiting
             try:
@@ -217,6 +220,10 @@ class Crowd:
         """End all connections."""
         for peer in self._peers.values():
             peer.close()
+
+    def _check(self, name: str) -> None:
+        if name in self.lost:
+            raise ConnectionError(f"{name} is lost: {self.lost[name].detail}")
 
     async def _enter(self, name: str) -> tuple[float, float]:
         """Have a peer connect until it is caught up. Return when it was welcome, and when that was so."""
