@@ -30,6 +30,8 @@ ENDED: Final = "chunkserver.ended"
 """Where it has what returns how the connection ended, as a `Close`, if the application has not closed it."""
 PIECES_MAX: Final = 64
 """Frames that one message may come in."""
+PIECE_BYTES: Final = 2 << 10
+"""What is parsed at once: frames of no bytes take 4 ms then. Between two pieces others get their turn."""
 MESSAGE_BYTES_MAX: Final = limits.FRAME_BYTES_MAX + 125
 """That uvicorn takes: it counts a control frame in the middle of a message, too. The application looks again."""
 UNREAD_BYTES_MAX: Final = 1 << 20
@@ -61,6 +63,8 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         self._all = all_connections
         self._closing_looks = 0
         self._is_parting = False
+        self._unparsed = b""
+        self._is_due = self._is_held = False
         self._ended = closing.LOST
         self._ping_end = 0
 
@@ -80,13 +84,20 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         await super().run_asgi()
 
     def data_received(self, data: bytes) -> None:
-        """Take what has arrived."""
-        if self._is_parting:
+        """Take what has arrived: parse it, in pieces."""
+        if self._is_parting or self.transport.is_closing():
             return
-        if not self.transport.is_closing():
-            super().data_received(data)
-        if self.transport.get_write_buffer_size() > UNREAD_BYTES_MAX:
-            self._give_up()
+        self._unparsed += data
+        if not self._is_due:
+            self._parse()
+
+    async def receive(self) -> Any:
+        """Return the next event for the application."""
+        event = await super().receive()
+        if self._is_held:  # uvicorn reads on, as soon as it has nothing for the application
+            self._hold()
+            self._parse_soon()
+        return event
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Note whether the kernel has given up a peer that took nothing for too long."""
@@ -112,7 +123,7 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         """Have an upgrade answered; what comes before the answer has to wait."""
         super().handle_connect(event)
         if not self.transport.is_closing():
-            self.transport.pause_reading()
+            self._hold()
 
     async def send(self, message: Any) -> None:
         """Do what the application says. Raises `ClientDisconnected` if the connection is closed already."""
@@ -120,8 +131,8 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         if self.close_sent:
             raise ClientDisconnected
         await super().send(message)
-        if message["type"] == "websocket.accept" and not self.transport.is_closing():
-            self.transport.resume_reading()
+        if message["type"] == "websocket.accept":
+            self._parse_soon()
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
             self.handshake_complete = True  # refused, which is an answer too: uvicorn would log an error
 
@@ -138,6 +149,7 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
             self.queue.put_nowait({"type": "websocket.disconnect", "code": closed.code, "reason": closed.reason})
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = self._is_parting = True
+        self._unparsed = b""
         self.stop_keepalive()
         if self.close_timer is not None:
             self.close_timer.cancel()
@@ -190,6 +202,35 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         return False
 
     # Inside
+
+    def _parse(self) -> None:
+        """Parse the next piece, unless what was parsed has to be taken before; the rest when others had their turn."""
+        self._is_due = False
+        is_opening = self.handshake_initiated and not self.handshake_complete
+        if self._is_parting or is_opening or self.read_paused or self.transport.is_closing():
+            return
+        piece, self._unparsed = self._unparsed[:PIECE_BYTES], self._unparsed[PIECE_BYTES:]
+        if piece:
+            super().data_received(piece)
+        if self.transport.get_write_buffer_size() > UNREAD_BYTES_MAX:
+            self._give_up()
+        elif self._unparsed:
+            self._hold()
+            self._parse_soon()
+        elif self._is_held and not self.read_paused and (self.handshake_complete or not self.handshake_initiated):
+            self._is_held = False
+            self.transport.resume_reading()
+
+    def _parse_soon(self) -> None:
+        if not self._is_due:
+            self._is_due = True
+            self.loop.call_soon(self._parse)
+
+    def _hold(self) -> None:
+        """Read no more for now."""
+        self._is_held = True
+        if not self.transport.is_closing():
+            self.transport.pause_reading()
 
     def _taken_bytes(self) -> int:
         """Return how many bytes the peer's system has taken; 0 if this one does not tell."""

@@ -3,6 +3,7 @@
 import json
 import socket
 import struct
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -25,6 +26,9 @@ EXAMPLES = 20_000 if TORTURE else 600
 FRAMES_MAX = 8
 PAUSE_SECONDS = 0.0005
 """Between two pieces of what is sent: the server may have read the first by then."""
+FLOOD_FRAMES = 1 << 22
+"""To parse them takes the server half a minute."""
+ACK_SECONDS_MAX = 3.0
 LEFT_SECONDS_MAX = 12.0
 """Until the server has let go of everybody."""
 WORLD = {"id": "w", "seed": "7", "recipe": "terrain", "chunk_cells": 16, "lods": 3}
@@ -326,6 +330,29 @@ def test_frames_before_the_answer_to_the_upgrade_have_to_wait(running):
             time.sleep(PAUSE_SECONDS)
             raw.send(Frame(FIN | TEXT, b"{}", masked=False))
             assert raw.socket.recv(4096).startswith(b"HTTP/1.1 101")
+
+
+def pour(raw: Raw, flood: bytes) -> None:
+    """Send as much as the server takes."""
+    with suppress(OSError):
+        raw.socket.sendall(flood)
+
+
+@pytest.mark.parametrize("before", [b"", b"{}"], ids=["while it is open", "when it is closed"])
+def test_many_small_frames_of_one_peer_leave_time_for_others(running, before):
+    url = f"{running.url}/v1/worlds/w"
+    flood = Frame(FIN | (TEXT if before else PONG), before).encoded() + Frame(FIN | PONG).encoded() * FLOOD_FRAMES
+    witness = Witness(url)
+    with welcomed(url) as raw, suppress(OSError):
+        sending = threading.Thread(target=pour, args=(raw, flood))
+        sending.start()
+        for _ in range(5):
+            begun = time.perf_counter()
+            witness.looks()
+            assert time.perf_counter() - begun < ACK_SECONDS_MAX
+        raw.socket.shutdown(socket.SHUT_RDWR)
+        sending.join(SECONDS_MAX)
+    witness.leaves()
 
 
 def test_who_says_whatever_and_leaves_is_forgotten(running):
