@@ -90,6 +90,8 @@ export interface CallOptions {
  * and `Unreachable` if none came: `errors.ts` draws the tree.
  */
 export class Client {
+  /** Of the server, without a slash at the end. */
+  readonly url: string;
   private readonly exchange: Exchange;
   private readonly coding: Coding;
 
@@ -113,15 +115,9 @@ export class Client {
       throw new RangeError(`coding is "${coding}": there are ${CODINGS.join(", ")}`);
     }
     const headers = apiKey === undefined ? {} : { authorization: `Bearer ${apiKey}` };
+    this.url = url.replace(/\/+$/, "");
     this.coding = coding;
-    this.exchange = new Exchange(
-      url.replace(/\/+$/, ""),
-      headers,
-      retryOf(retry),
-      new AnswerCache(cacheBytes),
-      readSeconds,
-      fetch,
-    );
+    this.exchange = new Exchange(this.url, headers, retryOf(retry), new AnswerCache(cacheBytes), readSeconds, fetch);
   }
 
   /** The pristine world of a seed: it needs no creation, and is the same for everybody. */

@@ -3,7 +3,11 @@
 import type { Json } from "./json.js";
 import { CELLS_BUILT, LOD_MAX, REVISION_MAX, VOXELS_MAX, type ChunkKey, type Triple } from "./mesh.js";
 
-/** As docs/edits/strokes.md has them: `{ op: "carve", shape: "sphere", center: [0, 0, 0], radius: 6 }`. */
+/**
+ * As docs/edits/strokes.md has them: `{ op: "carve", shape: "sphere", center: [0, 0, 0], radius: 6 }`.
+ *
+ * The `values` of a delta may be an `Int32Array`, x fastest, then z, then y.
+ */
 export type Stroke = Readonly<Record<string, unknown>>;
 
 const PLACE_MAX = VOXELS_MAX / Math.min(...CELLS_BUILT);
@@ -86,4 +90,13 @@ export function readRanges(json: Json): ChunkRange[] {
 function place(json: Json): Triple {
   const values = json.elements().map((value) => value.integer(-PLACE_MAX, PLACE_MAX));
   return values.length === 3 ? [values[0]!, values[1]!, values[2]!] : json.refuse("three integers");
+}
+
+export function base64Of(values: Int32Array): string {
+  const bytes = new Uint8Array(values.buffer, values.byteOffset, values.byteLength);
+  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+}
+
+export function bytesOfBase64(text: string): Uint8Array {
+  return Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
 }

@@ -5,6 +5,8 @@
  *     |-- BadAnswer            what came is not what docs/wire and docs/api.md say
  *     |   `-- BadChunk         bytes that are no chunk: truncated, mutated, of another version
  *     |-- Unreachable          no whole answer came, however often it was asked for
+ *     |-- StreamEnded          a stream of edits is over, and why
+ *     |-- EditLost             nobody answers this edit of a stream any more
  *     `-- Problem              the server says no, and why
  *         |-- BadRequest       400, 413, 415, 422: asked for in the wrong way
  *         |-- NotAllowed       401, 403: an API key is missing, unknown, or too weak
@@ -34,6 +36,42 @@ export class BadChunk extends BadAnswer {}
 
 /** No whole answer came. `cause` is the last error of the connection. */
 export class Unreachable extends ClientError {}
+
+const ENDS: Readonly<Record<number, string>> = {
+  1009: "a frame was too large",
+  1011: "this side has failed",
+  4400: "a message was malformed",
+  4401: "the API key is missing, unknown, or not good any more",
+  4403: "this may not be done from here, or with this API key",
+  4404: "the world is gone",
+  4409: "another connection of the same name has come, or another generator has created the world",
+  4412: "a message came out of order",
+  4422: "the server does not speak this version of the protocol",
+};
+
+/** A stream of edits is over, and another connection would end in the same way. */
+export class StreamEnded extends ClientError {
+  /**
+   * @param code as docs/wire/edit_v1.md has it; 4000 + the status if the server did not take the connection at all: then
+   *     `cause` is the `Problem`
+   */
+  constructor(
+    readonly code: number,
+    options?: ErrorOptions,
+  ) {
+    super(`the stream has ended with ${code}: ${ENDS[code] ?? "this side has closed it"}`, options);
+  }
+}
+
+/** Nobody answers this edit any more: the stream has ended, or the world has begun anew. It may be written or not. */
+export class EditLost extends ClientError {
+  constructor(
+    readonly seq: number,
+    why: string,
+  ) {
+    super(`edit ${seq} was not answered: ${why}`);
+  }
+}
 
 /** An answer that is an error: RFC 9457's members, and the offending values. */
 export class Problem extends ClientError {

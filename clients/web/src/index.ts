@@ -19,6 +19,7 @@ export {
   type SeedDescriptor,
   type WorldDescriptor,
 } from "./descriptors.js";
+export { EditStream, type StreamClient, type StreamOptions } from "./edit_stream.js";
 export { isStale, type ChunkRange, type LoggedEdit, type Stroke, type WrittenEdit } from "./edits.js";
 export {
   BadAnswer,
@@ -26,10 +27,12 @@ export {
   BadRequest,
   ClientError,
   Conflict,
+  EditLost,
   Gone,
   NotAllowed,
   NotFound,
   Problem,
+  StreamEnded,
   Unavailable,
   Unreachable,
 } from "./errors.js";
@@ -55,3 +58,8 @@ export type { ChunkOptions, RecipeTree } from "./questions.js";
 export type { Retry } from "./retry.js";
 export { redraws, swaps, type Swap } from "./swaps.js";
 export { WorkerClient, type ChunkClient } from "./worker_client.js";
+export type { Refresh } from "./stream/chunks.js";
+export type { Skipped, StreamEvent } from "./stream/inbox.js";
+export type { Ack, Edit, Edits, Nack, Progress, Resync, Stale } from "./stream/messages.js";
+export type { Region } from "./stream/regions.js";
+export type { StartOver } from "./stream/session.js";

@@ -3,7 +3,7 @@
 import type { Coding } from "./coding.js";
 import { GLB_MEDIA_TYPE, MESH_MEDIA_TYPE } from "./decoding.js";
 import { pathOf, type AnyWorld, type WorldDescriptor } from "./descriptors.js";
-import type { Stroke } from "./edits.js";
+import { base64Of, type Stroke } from "./edits.js";
 import { BATCH_MEDIA_TYPE } from "./frames.js";
 import { keyName, type ChunkKey, type FittedChunk, type Profile, type Triple } from "./mesh.js";
 
@@ -121,7 +121,7 @@ export function editRequest(world: WorldDescriptor, strokes: Iterable<Stroke>, k
 /** @throws {RangeError} for NaN or infinity, which JSON does not have */
 export function posted(url: string, body: unknown, headers: Readonly<Record<string, string>> = {}): Request {
   const all = { accept: JSON_MEDIA_TYPE, "content-type": JSON_MEDIA_TYPE, ...headers };
-  return { method: "POST", url, headers: all, body: JSON.stringify(body, finite), repeatable: true, cached: false };
+  return { method: "POST", url, headers: all, body: jsonText(body), repeatable: true, cached: false };
 }
 
 /** A GET of JSON. parts: of the path. */
@@ -164,9 +164,16 @@ function randomKey(): string {
   ).join("");
 }
 
-function finite(name: string, value: unknown): unknown {
-  if (typeof value === "number" && !Number.isFinite(value)) {
-    throw new RangeError(`${name} is ${value}: JSON has finite numbers only`);
-  }
-  return typeof value === "bigint" ? String(value) : value;
+/**
+ * The JSON of a value: bigints as decimal strings, an `Int32Array` as base64.
+ *
+ * @throws {RangeError} for NaN or infinity, which JSON does not have
+ */
+export function jsonText(value: unknown): string {
+  return JSON.stringify(value, (name, each: unknown) => {
+    if (typeof each === "number" && !Number.isFinite(each)) {
+      throw new RangeError(`${name} is ${each}: JSON has finite numbers only`);
+    }
+    return typeof each === "bigint" ? String(each) : each instanceof Int32Array ? base64Of(each) : each;
+  });
 }

@@ -17,10 +17,13 @@ export interface Port {
 /** Items that are sent before the other side has said that it took one. */
 export const ITEMS_AHEAD = 64;
 
+/** What can be called. */
+export type CallName = Exclude<keyof Client, "url">;
+
 /** What the page says. */
 export type Asked =
   | { readonly make: readonly [url: string, options: ClientOptions] }
-  | { readonly id: number; readonly call: keyof Client; readonly args: readonly unknown[] }
+  | { readonly id: number; readonly call: CallName; readonly args: readonly unknown[] }
   | { readonly id: number; readonly taken: number }
   | { readonly id: number; readonly cancel: true };
 

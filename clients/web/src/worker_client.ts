@@ -7,10 +7,12 @@ import type { ChunkRange, LoggedEdit, Stroke } from "./edits.js";
 import { Unreachable } from "./errors.js";
 import type { ChunkKey, ChunkMesh } from "./mesh.js";
 import type { ChunkOptions, RecipeTree } from "./questions.js";
-import { unpacked, type Asked, type Port, type Told } from "./remote.js";
+import { unpacked, type Asked, type CallName, type Port, type Told } from "./remote.js";
 
 /** What a client can do, in whatever thread it is. */
 export type ChunkClient = { readonly [Name in keyof Client]: Client[Name] };
+
+type Result<Name extends CallName> = Awaited<ReturnType<Client[Name]>>;
 
 /** Whoever waits for what the worker tells of one call. */
 interface Waiting {
@@ -18,10 +20,10 @@ interface Waiting {
   failed(error: unknown): void;
 }
 
-type Result<Name extends keyof Client> = Awaited<ReturnType<Client[Name]>>;
-
 /** The same as `Client`, but that the work is done in a worker. */
 export class WorkerClient implements ChunkClient {
+  /** Of the server, without a slash at the end. */
+  readonly url: string;
   private readonly port: Port;
   private readonly waiting = new Map<number, Waiting>();
   private last = 0;
@@ -32,6 +34,7 @@ export class WorkerClient implements ChunkClient {
    *     this one, which bundlers that know `new Worker(new URL(..., import.meta.url))` find.
    */
   constructor(url: string, options: ClientOptions = {}, worker?: Port) {
+    this.url = url.replace(/\/+$/, "");
     this.port = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
     this.port.addEventListener("message", ({ data }) => this.waiting.get((data as Told).id)?.told(data as Told));
     if (typeof Worker !== "undefined" && this.port instanceof Worker) {
@@ -119,7 +122,7 @@ export class WorkerClient implements ChunkClient {
   }
 
   /** One call that has one answer. */
-  private async ask<Name extends keyof Client>(
+  private async ask<Name extends CallName>(
     call: Name,
     args: readonly unknown[],
     options: object = {},

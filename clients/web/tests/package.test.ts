@@ -46,20 +46,24 @@ test("the calls of the page are those of the client", async () => {
     [...names!.matchAll(/`(\w+)`/g)].map(([, name]) => name!),
   );
   const inner = ["json"];
+  assert.ok(told.includes("EditStream"));
   for (const name of methods(Client)) {
     assert.ok(inner.includes(name) || told.includes(name), name);
     assert.ok(inner.includes(name) || methods(WorkerClient).includes(name), name);
   }
 });
 
-for (const [at, [, example]] of [...README.matchAll(/^```js\n(.*?)^```$/gms)].entries()) {
+for (const [at, [, example]] of [...README.matchAll(/^```js.*?\n(.*?)^```$/gms)].entries()) {
   test(`example ${at + 1} of the page runs`, () => {
     mkdirSync(".test/examples", { recursive: true });
     const path = `.test/examples/${at + 1}.mjs`;
     writeFileSync(path, example!.replaceAll("http://127.0.0.1:8000", given("CHUNKSERVER_URL")));
-    const told = execFileSync(process.execPath, [path], { encoding: "utf8", timeout: 60_000 });
+    const told = execFileSync(process.execPath, ["--experimental-websocket", "--no-warnings", path], {
+      encoding: "utf8",
+      timeout: 60_000,
+    });
     assert.ok(told.length > 5, told);
   });
 }
 
-test("the page has the examples", () => assert.ok([...README.matchAll(/^```js$/gm)].length >= 3));
+test("the page has the examples", () => assert.ok([...README.matchAll(/^```js/gm)].length >= 4));
