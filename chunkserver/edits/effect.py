@@ -4,7 +4,7 @@ The box of a carve or fill is cut into parts. What is nearest to the shape in a 
 lie between there, may show that the stroke changes nothing in it. Errs on the large side only.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,7 @@ SLACK: Final = 2.0**-10
 """Voxels: more than what the rounding of a distance or of a part's border comes to, 2^41 voxels across."""
 
 _LIMIT: Final = float(FIELD_MAX)
+_NONE: Final = np.empty((0, 2, 3), np.int64)
 _NOWHERE: Final = np.array([[1], [0]])
 _ALL: Final = np.array([[0, 0, 0], [SIDE - 1, SIDE - 1, SIDE - 1]])
 """The parts of a box: the first and the last one."""
@@ -39,7 +40,7 @@ Bounds = Callable[[_Doubles, _Doubles], tuple[_Doubles, _Doubles]]
 voxels; returns lowest and highest density of each, (n,) float64, voxels; infinite where it is not known."""
 
 
-def narrowed(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[_Ints] = ()) -> Edit:
+def narrowed(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: _Ints = _NONE) -> Edit:
     """Return the edit with smaller boxes of lattice points: outside them no stroke changes a delta.
 
     A box has no point where its stroke changes nothing. To work out the strokes in these boxes alone makes the same
@@ -52,7 +53,7 @@ def narrowed(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[_Int
     of = edit.brushes
     does = (of.points() > 0) & _weighs(of)
     cuts = np.flatnonzero(does & (of.ops <= FILL))
-    known = np.concatenate([*unfolded, of.boxes]) if len(cuts) else of.boxes.copy()
+    known = np.concatenate([unfolded, of.boxes]) if len(cuts) else of.boxes.copy()
     boxes = known[len(known) - len(of.boxes) :]
     boxes[~does] = _NOWHERE
     for n in np.flatnonzero(of.ops == DELTA).tolist():

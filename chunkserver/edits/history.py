@@ -9,7 +9,7 @@ which is its last of those that are folded. Pure: whoever writes and folds does 
 """
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import islice
@@ -28,6 +28,7 @@ from chunkserver.edits.parts import Change, restored
 from chunkserver.edits.pyramid import bricks_met
 from chunkserver.edits.reach import Range, read_ranges, stale, written
 from chunkserver.edits.reached import GROUP_WEIGHT, Group, Reached, groups_met
+from chunkserver.edits.waiting import Waiting
 from chunkserver.errors import ChunkError, Overloaded, StoreFull
 from chunkserver.grid import ChunkKey
 
@@ -41,14 +42,14 @@ class Taken(NamedTuple):
     """An edit that was taken, and may be written.
 
     edit: with boxes outside which it changes no delta. boxes: those of its strokes that have a point. stale: the chunks
-        that it may change. weight: bytes that noting these may take. bricks: those that are written to for it.
+        that it may change. weight: bytes that noting these may take. bricks: how many are written to for it at most.
     """
 
     edit: Edit
     boxes: NDArray[np.int64]
     stale: Sequence[Range]
     weight: int
-    bricks: frozenset[Key]
+    bricks: int
 
     @property
     def chunks(self) -> int:
@@ -81,8 +82,8 @@ class History:
         self._unnoted: list[tuple[int, Sequence[Range]]] = []
         self._taken: deque[Taken] = deque()
         self._unfolded: deque[Taken] = deque()
-        self._bricks_pending: Counter[Key] = Counter()
-        self._promised = 0
+        self._waiting = Waiting(bricks.lods)
+        self._reserved = self._promised = 0
         self._changed: set[Key] = set()
         self._kept = None if reached is None else bricks.revision
         bricks.arena.weigh(GROUP_WEIGHT * self._reached.groups)
@@ -101,7 +102,7 @@ class History:
     def __del__(self) -> None:
         """Take its weight away, and give back the room of edits that are not folded any more."""
         self.bricks.arena.weigh(-GROUP_WEIGHT * self._reached.groups)
-        self.bricks.arena.reserve(-len(self._bricks_pending), -self._promised)
+        self.bricks.arena.reserve(-self._reserved, -self._promised)
 
     @property
     def waiting(self) -> int:
@@ -124,15 +125,14 @@ class History:
         """
         if self.waiting >= UNFOLDED_MAX:
             raise Overloaded(f"{self.waiting} edits of this world wait to be worked out", waiting=self.waiting)
-        unfolded = [taken.boxes for taken in (*self._unfolded, *self._taken)]
-        return partial(_measured, edit, self.bricks, self._bounds, unfolded, self._cells)
+        return partial(_measured, edit, self.bricks, self._bounds, self._waiting.boxes, self._cells)
 
     def took(self, taken: Taken) -> Taken:
         """Count an edit that was measured. Raises what `take` does."""
         self._check_room(taken)
         self._headroom.take(taken.edit, self.revision + len(self._taken) + 1)
         self._taken.append(taken)
-        self._count(taken, 1)
+        self._join(taken)
         return taken
 
     def logged(self, source: bytes, told: bytes, *, on_other_ground: bool = False) -> None:
@@ -146,7 +146,7 @@ class History:
         if on_other_ground:
             ranges += stale(boxes, self._cells, self.bricks.lods)
         taken = _taken(edit, boxes, ranges, self.bricks.lods)
-        self._count(taken, 1)
+        self._join(taken)
         self._unfolded.append(taken)
         self.revision += 1
         self._unnoted.append((self.revision, ranges))
@@ -162,7 +162,8 @@ class History:
     def dropped(self, taken: Taken) -> None:
         """Note that an edit that was taken is not written."""
         self._leave(taken)
-        self._count(taken, -1)
+        self._waiting.drop(taken.bricks, [each.boxes for each in (*self._unfolded, *self._taken)])
+        self._reserve(-taken.weight)
         if not self.waiting:
             self._settle()
 
@@ -176,7 +177,8 @@ class History:
         for revision in range(self.bricks.revision + 1, bricks.revision + 1):
             taken = self._unfolded.popleft()
             self._reached.note(revision, taken.stale)
-            self._count(taken, -1)
+            self._waiting.leave(taken.boxes, taken.bricks)
+            self._reserve(-taken.weight)
         arena.weigh(GROUP_WEIGHT * (self._reached.groups - before))
         self.bricks = bricks
         self._changed.update(bricks.changed)
@@ -216,8 +218,11 @@ class History:
 
     def _check_room(self, taken: Taken) -> None:
         arena = self.bricks.arena
-        wanted = ROOM_FACTOR * sum(key not in self._bricks_pending for key in taken.bricks)
-        free = len(arena.deltas) - ROOM_FACTOR * arena.reserved
+        wanted, free = ROOM_FACTOR * taken.bricks, self._free()
+        if wanted > free and self._waiting.bricks:
+            self._waiting.count()
+            self._reserve(0)
+            free = self._free()
         if wanted > free:
             message = f"to work the edit out takes room for {wanted} bricks; there is room for {free}"
             raise self._no_room(message, bricks=wanted, free=free)
@@ -225,6 +230,11 @@ class History:
         if weight + taken.weight > arena.weight_max:
             message = f"edits take {weight} bytes of memory, and this one {taken.weight} more"
             raise self._no_room(f"{message}; the limit is {arena.weight_max}", bytes_max=arena.weight_max)
+
+    def _free(self) -> int:
+        """Return for how many bricks there is room, beside those that edits may want which wait: of all worlds."""
+        arena = self.bricks.arena
+        return len(arena.deltas) - ROOM_FACTOR * arena.reserved
 
     def _no_room(self, message: str, **values: int) -> ChunkError:
         """Return why an edit is refused: edits that wait to be folded take more room than they will."""
@@ -237,23 +247,23 @@ class History:
         else:
             self._headroom.settle(self.bricks)
 
-    def _count(self, taken: Taken, by: int) -> None:
-        """Count an edit that waits (by 1), or does so no longer (by -1). A brick that two of them want counts once."""
-        pending, before = self._bricks_pending, len(self._bricks_pending)
-        for key in taken.bricks:
-            pending[key] += by
-            if not pending[key]:
-                del pending[key]
-        self._promised += by * taken.weight
-        self.bricks.arena.reserve(len(pending) - before, by * taken.weight)
+    def _join(self, taken: Taken) -> None:
+        self._waiting.add(taken.boxes, taken.bricks)
+        self._reserve(taken.weight)
+
+    def _reserve(self, weight: int) -> None:
+        """Keep room for all bricks that may be wanted, and so many more bytes."""
+        before, self._reserved = self._reserved, self._waiting.bricks
+        self._promised += weight
+        self.bricks.arena.reserve(self._reserved - before, weight)
 
 
-def _measured(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: Sequence[NDArray[np.int64]], cells: int) -> Taken:
+def _measured(edit: Edit, bricks: Bricks, bounds: Bounds, unfolded: NDArray[np.int64], cells: int) -> Taken:
     found = narrowed(edit, bricks, bounds, unfolded)
     boxes = found.brushes.with_points()
     return _taken(found, boxes, stale(boxes, cells, bricks.lods), bricks.lods)
 
 
 def _taken(edit: Edit, boxes: NDArray[np.int64], ranges: Sequence[Range], lods: int) -> Taken:
-    bricks = bricks_met(boxes, np.arange(lods)).places()
-    return Taken(edit, boxes, ranges, GROUP_WEIGHT * groups_met(ranges), frozenset(bricks))
+    bricks = len(bricks_met(boxes, np.arange(lods)).keys)
+    return Taken(edit, boxes, ranges, GROUP_WEIGHT * groups_met(ranges), bricks)

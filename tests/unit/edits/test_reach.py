@@ -107,7 +107,7 @@ def test_deltas_are_taken_into_account():
 def test_of_what_is_not_folded_nothing_is_assumed():
     carve, far = ball("carve", 20.0), ball("carve", 20.0, x=500.0)
     fill = ball("fill", 20.0)
-    unfolded = [changed(fill, no_bricks(), plane_bounds)]
+    unfolded = changed(fill, no_bricks(), plane_bounds)
     assert len(changed(carve, no_bricks(), plane_bounds, unfolded))
     assert not len(changed(far, no_bricks(), plane_bounds, unfolded))
     both = Edit.of([stroke.model_dump(mode="json") for stroke in (*fill.strokes, *carve.strokes)])
