@@ -24,11 +24,6 @@ class Box(NamedTuple):
         planes, rows, width = self.shape
         return max(planes, 0) * max(rows, 0) * max(width, 0)
 
-    def grown(self, by: int) -> "Box":
-        """Return the box with so many more points on each side."""
-        (x, y, z), (u, v, w) = self
-        return Box((x - by, y - by, z - by), (u + by, v + by, w + by))
-
     def shared(self, other: "Box") -> "Box":
         """Return the points that are in both."""
         (x, y, z), (u, v, w) = self
@@ -45,11 +40,6 @@ class Box(NamedTuple):
         """Return the cubes of 2^bits points a side that meet the box: x, y, z in cubes."""
         (x, y, z), (u, v, w) = self
         return Box((x >> bits, y >> bits, z >> bits), (u >> bits, v >> bits, w >> bits))
-
-    def coarser(self) -> "Box":
-        """Return the points of the next level that read points of this box: they reach a step to each side."""
-        (x, y, z), (u, v, w) = self
-        return Box((x >> 1, y >> 1, z >> 1), (u + 1 >> 1, v + 1 >> 1, w + 1 >> 1))
 
     def part_of(self, other: "Box") -> tuple[slice, slice, slice]:
         """Return where the points that are in both lie in an array of `other`, (y, z, x). There must be some."""

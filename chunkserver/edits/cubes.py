@@ -15,7 +15,6 @@ from chunkserver.kernel import inlined, kernel
 _Ints = NDArray[np.int64]
 _Numbers = NDArray[np.int32]
 
-ALL: Final = slice(0, None)
 _ROOM: Final = 8
 """Cubes that a box is thought to meet; if it is more, they are counted first."""
 _FREE: Final = -1
@@ -38,9 +37,9 @@ class Cubes(NamedTuple):
     grids: _Numbers
     starts: _Ints
 
-    def places(self, which: slice = ALL) -> list[tuple[int, int, int, int]]:
+    def places(self) -> list[tuple[int, int, int, int]]:
         """Return keys: group, x, y, z."""
-        return [(group, x, y, z) for group, x, y, z in self.keys[which].tolist()]
+        return [(group, x, y, z) for group, x, y, z in self.keys.tolist()]
 
     def parts(self, bits: int) -> _Ints:
         """Return what the hulls have of each cube of 2^bits points a side: (cubes, 2, 3) int64."""

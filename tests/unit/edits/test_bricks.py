@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from chunkserver.edits import Bricks, Edit, draft, runs
+from chunkserver.edits import Bricks, Edit, arena, draft, runs
 from chunkserver.edits.arena import Arena, Held
 from chunkserver.edits.boxes import Box
+from chunkserver.edits.packing import packed, unpack
 from chunkserver.edits.page import Page
 from chunkserver.edits.pyramid import bricks_met, halve
 from chunkserver.errors import StoreFull
@@ -197,6 +198,25 @@ def test_what_is_worked_on_stays_where_it_is(monkeypatch):
     monkeypatch.setattr(Page, "write", interrupted)
     [(_, brick)] = bricks.apply([edit], 2, flat)
     assert brick.high == 14
+
+
+def test_what_is_packed_stays_where_it_is(monkeypatch, rng):
+    """As above: nobody has to wait until a brick is packed."""
+    memory = small_arena(1)
+    [(_, brick)] = Bricks(1, memory).apply([Edit.of([delta_of(rng, (2, 3, 4), (9, 9, 9))])], 1, flat)
+    deltas = brick.deltas.tobytes()
+
+    def interrupted(values) -> bytes:
+        monkeypatch.undo()
+        while not brick.let_go():
+            pass
+        with pytest.raises(StoreFull):
+            memory.take(1)
+        return packed(values)
+
+    monkeypatch.setattr(arena, "packed", interrupted)
+    unpack(brick.packed, values := np.empty(4096, np.int32))
+    assert values.tobytes() == brick.deltas.tobytes() == deltas
 
 
 def test_the_weight_of_packed_bricks_is_known():
