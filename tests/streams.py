@@ -26,6 +26,7 @@ class Peer:
             open_timeout=SECONDS_MAX,
             close_timeout=1.0,
             compression=more.pop("compression", None),
+            ping_interval=None,  # the server asks; and hypothesis takes amiss what a thread of pings draws at random
         )
         self._ending = ExitStack()
         self.socket: ClientConnection = self._ending.enter_context(opening)
