@@ -1,4 +1,4 @@
-# Needs python3 (3.11 or newer) and make; `make test` needs Node.js with npm too and, on
+# Needs python3 (3.11 or newer) and make; `make test` needs Node.js with npm and Chromium too and, on
 # Linux, Mesa's libEGL, which draws the pictures. Everything lands in .venv and .cache.
 # ARGS is passed on: make run ARGS="--port 9000"; make test ARGS="tests/unit -k grid"; make lock ARGS=--upgrade;
 # make bench ARGS="--only extraction"; make bench ARGS="compare HEAD~1"
@@ -15,17 +15,19 @@ RUNTIME := .venv/.runtime-installed
 DEV := .venv/.dev-installed
 NODE := tests/node_modules/.installed
 WEB := clients/web/node_modules/.installed
+VIEWER := clients/viewer/node_modules/.installed
+CHROMIUM := .venv/.chromium-found
 EGL := .venv/.egl-found
 
-.PHONY: run test bench torture docs lint format lock clean
+.PHONY: run test bench torture docs viewer lint format lock clean
 
 run: $(RUNTIME)
 	$(BIN)/chunkserver serve --data data $(ARGS)
 
-test: lint $(NODE) $(WEB) $(EGL)
+test: lint $(NODE) $(WEB) $(VIEWER) $(CHROMIUM) $(EGL)
 	$(BIN)/pytest $(ARGS)
 
-torture: $(DEV) $(NODE) $(WEB) $(EGL)
+torture: $(DEV) $(NODE) $(WEB) $(VIEWER) $(CHROMIUM) $(EGL)
 	CHUNKSERVER_TORTURE=1 $(BIN)/pytest $(ARGS)
 
 bench: $(DEV)
@@ -34,6 +36,10 @@ bench: $(DEV)
 # What is generated in docs/. The pictures take about half a minute each: make docs ARGS="levels picture-planet mesh-canyon"
 docs: $(DEV) $(EGL)
 	$(BIN)/python -m pages $(ARGS)
+
+# The page at /, which is committed as it is built: whoever runs the server needs no Node.js.
+viewer: $(VIEWER)
+	cd clients/viewer && npm run --silent build
 
 lint: $(DEV)
 	$(BIN)/ruff check
@@ -52,7 +58,7 @@ lock: $(DEV)
 	$(UV_COMPILE) --group build --constraint requirements-dev.lock --output-file requirements-build.lock
 
 clean:
-	rm -rf .venv .cache tests/node_modules build dist clients/web/node_modules clients/web/dist clients/web/.test
+	rm -rf .venv .cache tests/node_modules build dist clients/web/node_modules clients/web/dist clients/web/.test clients/viewer/node_modules
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(RUNTIME): pyproject.toml requirements.lock requirements-build.lock
@@ -76,6 +82,16 @@ $(NODE): tests/package.json tests/package-lock.json
 
 $(WEB): clients/web/package.json clients/web/package-lock.json $(NODE)
 	cd clients/web && npm ci --no-audit --no-fund --loglevel=error
+	touch $@
+
+$(VIEWER): clients/viewer/package.json clients/viewer/package-lock.json $(NODE)
+	cd clients/viewer && npm ci --no-audit --no-fund --loglevel=error
+	touch $@
+
+$(CHROMIUM): $(DEV)
+	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
+		&& apt-get -qq update && apt-get -qq install --yes chromium; } \
+		|| { echo "the viewer is tested in Chromium: please install it first (Debian: chromium)" >&2; exit 1; }
 	touch $@
 
 $(EGL): $(DEV)

@@ -25,6 +25,7 @@ from chunkserver.server import (
     seeds,
     stream,
     ticket,
+    viewer,
     world_chunks,
     worlds,
 )
@@ -107,7 +108,7 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         cors,
         connections=Connections(settings.connection_limits),
     )
-    for room in (landing, health, metrics, recipes, worlds, edits, stream, ticket, world_chunks, seeds, batch):
+    for room in (viewer, landing, health, metrics, recipes, worlds, edits, stream, ticket, world_chunks, seeds, batch):
         app.include_router(room.router)
     app.add_middleware(PlainEdits, service=app.state.service)
     problems.install(app)

@@ -1,4 +1,4 @@
-"""The page at `/`: what this is, one chunk to look at, and the first requests to try."""
+"""The page at `/about`: what this is, one chunk to look at, and the first requests to try."""
 
 import html
 from pathlib import Path
@@ -21,9 +21,9 @@ router: Final = APIRouter(tags=["operations"])
 
 
 @router.api_route(
-    "/",
+    "/about",
     methods=RESOURCE,
-    summary="The landing page",
+    summary="About this server",
     response_class=HTMLResponse,
     responses={200: {"description": "A page for people."}, **problem_responses()},
 )

@@ -75,6 +75,7 @@ def test_head_has_the_headers_of_get_and_no_body(client):
         f"{AIR}.glb",
         "/v1/seeds/42",
         "/",
+        "/about",
         "/livez",
         "/readyz",
         "/openapi.json",

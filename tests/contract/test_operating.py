@@ -106,9 +106,13 @@ def test_every_way_in_which_a_connection_ends():
     assert whys <= NAMED
 
 
+PAGES = {"/", "/about", "/assets/{name}"}
+"""For people."""
+
+
 def test_every_route_of_operations():
     operations = create_app(Settings()).openapi()["paths"].items()
-    routes = {path for path, methods in operations if "operations" in methods.get("get", {"tags": ()})["tags"]} - {"/"}
+    routes = {path for path, methods in operations if "operations" in methods.get("get", {"tags": ()})["tags"]} - PAGES
     assert routes == {"/livez", "/readyz", "/metrics"}
     assert routes <= NAMED
     assert {f"`{scope}`" for scope in {row.scope for row in NEEDS if row.scope}} == {

@@ -1,0 +1,323 @@
+/** The page: one world after another on one canvas, and what people do with it. */
+
+import { ClientError, Gone, NotFound, Unavailable, Unreachable, type Stroke, type Triple } from "chunkserver-client";
+import { WebGLRenderer } from "three";
+
+import { Chooser } from "./chooser.js";
+import { element } from "./element.js";
+import { Figures, bytesAsText } from "./figures.js";
+import { Input } from "./input.js";
+import { readLink, writeLink, type Link } from "./link.js";
+import type { View } from "./look_plain.js";
+import { Notice } from "./notice.js";
+import { Session } from "./session.js";
+import { startOf, type Start } from "./starts.js";
+import { countedClient, type Counted } from "./traffic.js";
+import { open, serverUrl, type Source } from "./world.js";
+
+export const VIEWS: readonly View[] = ["shaded", "wireframe", "levels", "normals"];
+const RADIUS_MIN = 1;
+const RADIUS_MAX = 32;
+const PIXEL_RATIO_MAX = 1.5;
+/** Milliseconds. */
+const FIGURES_MS = 250;
+const LINK_MS = 700;
+const AWAY_MS = 700;
+
+export class App {
+  session: Session | null = null;
+  readonly traffic: Counted["traffic"];
+  isAway = false;
+  frames = 0;
+  view: View = "shaded";
+  private readonly client: Counted["client"];
+  private readonly notice = new Notice();
+  private readonly figures = new Figures();
+  private readonly chooser: Chooser;
+  private readonly input: Input;
+  private readonly walkButton = element("walk", HTMLButtonElement);
+  private readonly radius = element("radius", HTMLInputElement);
+  private source: Source;
+  private opening = 0;
+  private frameMs = 0;
+  private shownAt = -Infinity;
+  private linkedAt = -Infinity;
+  private before = performance.now();
+  private isStriking = false;
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly renderer: WebGLRenderer,
+  ) {
+    const { client, traffic } = countedClient(serverUrl());
+    [this.client, this.traffic] = [client, traffic];
+    this.input = new Input(canvas, {
+      strike: (op) => void this.strike(op),
+      resize: (times) => this.setRadius(Number(this.radius.value) * times),
+      toggleWalk: () => this.setWalking(this.session?.motion.isWalking !== true),
+      setView: (number) => this.setView(VIEWS[number]!),
+      toggleFigures: () => this.figures.toggle(),
+      toggleHelp: () => this.toggleHelp(),
+    });
+    this.chooser = new Chooser(client, (source, keepsPlace) => void this.go(source, keepsPlace));
+    this.source = readLink(location.hash).source;
+    this.connect();
+    addEventListener("resize", () => this.resize());
+    addEventListener("hashchange", () => this.follow(readLink(location.hash)));
+  }
+
+  /** Opens what the link names. */
+  async start(): Promise<void> {
+    this.renderer.setAnimationLoop(() => this.frame());
+    await this.show(readLink(location.hash));
+  }
+
+  setView(view: View): void {
+    this.view = view;
+    this.session?.setView(view);
+    for (const radio of element("views", HTMLFieldSetElement).querySelectorAll("input")) {
+      radio.checked = radio.value === view;
+    }
+  }
+
+  setWalking(isWalking: boolean): void {
+    if (this.session !== null) {
+      this.session.motion.isWalking = isWalking;
+    }
+    this.walkButton.setAttribute("aria-pressed", String(isWalking));
+  }
+
+  moveTo(position: Triple, ahead: Triple | null): void {
+    this.session?.moveTo(position, ahead);
+  }
+
+  async edit(strokes: readonly Stroke[]): Promise<void> {
+    await this.session?.edit(strokes);
+  }
+
+  /** Digs or builds where the crosshair is. Returns whether there was anything. */
+  async strike(op: "carve" | "fill"): Promise<boolean> {
+    if (this.session === null || this.isStriking) {
+      return false;
+    }
+    this.isStriking = true;
+    try {
+      const isHit = await this.session.strike(op, Number(this.radius.value));
+      if (!isHit) {
+        this.notice.say("Nothing within reach.");
+      }
+      return isHit;
+    } catch (error) {
+      this.failed(error);
+      return false;
+    } finally {
+      this.isStriking = false;
+    }
+  }
+
+  private connect(): void {
+    element("views", HTMLFieldSetElement).addEventListener("change", ({ target }) => {
+      this.setView((target as HTMLInputElement).value as View);
+    });
+    this.walkButton.addEventListener("click", () => this.setWalking(this.session?.motion.isWalking !== true));
+    this.radius.addEventListener("input", () => this.setRadius(Number(this.radius.value)));
+    element("share", HTMLButtonElement).addEventListener("click", () => void this.share());
+    element("show-help", HTMLButtonElement).addEventListener("click", () => this.toggleHelp());
+    this.canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault();
+      this.notice.hold("The graphics card has let go of the picture. It comes back by itself, or when you reload.");
+    });
+    this.canvas.addEventListener("webglcontextrestored", () => this.notice.hold(null));
+    document.addEventListener("pointerlockchange", () => {
+      const hint = this.input.isLocked ? "Left digs, right builds, Esc frees the mouse" : "Click to look around";
+      element("hint", HTMLParagraphElement).textContent = hint;
+    });
+    const touch = element("touch", HTMLDivElement);
+    const knob = touch.querySelector("i")!;
+    this.input.onTouch = () => {
+      touch.hidden = false;
+      element("hint", HTMLParagraphElement).hidden = true;
+    };
+    this.input.onStick = (right, down) => (knob.style.translate = `${right * 36}px ${down * 36}px`);
+    if (matchMedia("(pointer: coarse)").matches) {
+      this.input.onTouch();
+    }
+    for (const button of touch.querySelectorAll("button")) {
+      const { hold, do: act } = button.dataset;
+      if (hold !== undefined) {
+        this.input.hold(button, hold === "up" ? "Space" : "KeyC");
+      } else {
+        button.addEventListener("click", () => void this.strike(act === "dig" ? "carve" : "fill"));
+      }
+    }
+  }
+
+  /** Shows another world. keepsPlace: from where the viewer is */
+  private async go(source: Source, keepsPlace: boolean): Promise<void> {
+    const place = keepsPlace ? this.session?.pose : undefined;
+    const isWalking = keepsPlace && this.session?.motion.isWalking === true;
+    await this.show({ source, position: place?.position ?? null, ahead: place?.ahead ?? null, isWalking });
+  }
+
+  private async show(link: Link): Promise<void> {
+    const number = ++this.opening;
+    try {
+      const [world, recipes] = await Promise.all([open(this.client, link.source), this.client.recipes()]);
+      if (number !== this.opening) {
+        return;
+      }
+      this.source = link.source;
+      this.session?.dispose();
+      const start = (name: string, shape: Parameters<typeof startOf>[1]): Start => {
+        const { position, ahead } = startOf(name, shape);
+        return { position: link.position ?? position, ahead: link.ahead ?? ahead };
+      };
+      const session = new Session(this.renderer, this.client, world, start, innerHeight, (error) => this.failed(error));
+      this.session = session;
+      this.setWalking(link.isWalking);
+      session.setView(this.view);
+      this.resize();
+      this.chooser.offer(recipes);
+      this.chooser.show(world);
+      this.linkedAt = -Infinity;
+      this.notice.hold(null);
+    } catch (error) {
+      if (number === this.opening) {
+        this.failed(error, () => void this.show(link));
+      }
+    }
+  }
+
+  /** Somebody has changed the address. */
+  private follow(link: Link): void {
+    const isSame = writeLink({ ...link, position: null, ahead: null }).replace(/&walk=1$/, "") === this.linkOfSource();
+    if (!isSame || this.session === null) {
+      void this.show(link);
+    } else if (location.hash !== this.link()) {
+      this.setWalking(link.isWalking);
+      if (link.position !== null) {
+        this.moveTo(link.position, link.ahead);
+      }
+    }
+  }
+
+  private linkOfSource(): string {
+    return writeLink({ source: this.source, position: null, ahead: null, isWalking: false });
+  }
+
+  private link(): string {
+    const { pose, motion } = this.session!;
+    return writeLink({
+      source: this.source,
+      position: pose.position,
+      ahead: pose.ahead,
+      isWalking: motion.isWalking,
+    });
+  }
+
+  private frame(): void {
+    const now = performance.now();
+    const elapsed = Math.min((now - this.before) / 1000, 1);
+    this.before = now;
+    const { session } = this;
+    if (session === null) {
+      return;
+    }
+    session.pose.turn(...this.input.turn(elapsed));
+    session.frame(this.input.wish, elapsed);
+    this.frames += 1;
+    this.frameMs += (performance.now() - now - this.frameMs) * 0.1;
+    if (now - this.shownAt > FIGURES_MS && this.figures.isShown) {
+      this.shownAt = now;
+      this.showFigures(session);
+    }
+    if (now - this.linkedAt > LINK_MS) {
+      this.linkedAt = now;
+      const link = this.link();
+      if (link !== location.hash) {
+        history.replaceState(null, "", link);
+      }
+    }
+  }
+
+  private showFigures(session: Session): void {
+    const { terrain, following } = session;
+    this.figures.show({
+      Chunks: terrain.chunks.toLocaleString("en"),
+      "With triangles": session.levels.reduce((sum, count) => sum + count, 0).toLocaleString("en"),
+      Triangles: session.triangles.toLocaleString("en"),
+      "On their way": terrain.pending.toLocaleString("en"),
+      Meshes: bytesAsText(session.bytes),
+      Received: bytesAsText(this.traffic.bytes),
+      "Per chunk": `${terrain.msPerChunk.toFixed(1)} ms`,
+      "Cache hits": Math.max(0, terrain.arrivedChunks - this.traffic.chunks).toLocaleString("en"),
+      Revision: String(following.revision),
+      Frame: `${this.frameMs.toFixed(1)} ms`,
+    });
+  }
+
+  private resize(): void {
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, PIXEL_RATIO_MAX));
+    this.renderer.setSize(innerWidth, innerHeight, false);
+    this.session?.resize(innerWidth, innerHeight);
+  }
+
+  private setRadius(metres: number): void {
+    const radius = Math.max(RADIUS_MIN, Math.min(RADIUS_MAX, metres));
+    this.radius.value = String(radius);
+    element("radius-shown", HTMLOutputElement).value = `${Number(this.radius.value)} m`;
+  }
+
+  private toggleHelp(): void {
+    const help = element("help", HTMLDialogElement);
+    if (help.open) {
+      help.close();
+    } else {
+      document.exitPointerLock();
+      help.showModal();
+    }
+  }
+
+  private async share(): Promise<void> {
+    if (this.session !== null) {
+      history.replaceState(null, "", this.link());
+    }
+    try {
+      await navigator.clipboard.writeText(location.href);
+      this.notice.say("The link is copied: it shows this world from here.");
+    } catch {
+      this.notice.say("The address of this page is the link: it shows this world from here.");
+    }
+  }
+
+  /** Says what is wrong; where the server is away, waits until it is back. again: what then is to be done */
+  private failed(error: unknown, again: () => void = () => this.resume()): void {
+    if (error instanceof Unreachable || error instanceof Unavailable || error instanceof TypeError) {
+      if (!this.isAway) {
+        this.isAway = true;
+        this.notice.hold("The server is away. This page goes on when it is back.");
+        void this.wait(again);
+      }
+    } else if (error instanceof Gone || (error instanceof NotFound && this.session !== null)) {
+      const place = this.session?.pose;
+      const position = place?.position ?? null;
+      void this.show({ source: this.source, position, ahead: place?.ahead ?? null, isWalking: false });
+    } else {
+      this.notice.hold(error instanceof ClientError ? error.message : `Something went wrong: ${String(error)}`);
+    }
+  }
+
+  private async wait(again: () => void): Promise<void> {
+    while (!(await this.client.isReady().catch(() => false))) {
+      await new Promise((resolve) => setTimeout(resolve, AWAY_MS));
+    }
+    this.isAway = false;
+    this.notice.hold(null);
+    again();
+  }
+
+  private resume(): void {
+    this.session?.following.resume();
+    this.session?.terrain.resume();
+  }
+}

@@ -1,0 +1,87 @@
+/** The panel in which a world is chosen: its recipe, its seed, its recipe's text. */
+
+import type { AnyWorld, ChunkClient, Recipe } from "chunkserver-client";
+
+import { element } from "./element.js";
+import { seedOf } from "./link.js";
+import { RecipeEditor } from "./recipe_editor.js";
+import { SEED_MAX, type Source } from "./world.js";
+
+const CHANCE_MAX = 1_000_000;
+
+export class Chooser {
+  private readonly panel = element("world", HTMLElement);
+  private readonly opens = element("show-world", HTMLButtonElement);
+  private readonly recipe = element("recipe", HTMLSelectElement);
+  private readonly seed = element("seed", HTMLInputElement);
+  private readonly error = element("seed-error", HTMLParagraphElement);
+  private readonly describes = element("describes", HTMLParagraphElement);
+  private readonly editor: RecipeEditor;
+  private readonly described = new Map<string, string>();
+
+  /** chosen: called with the world to show. keepsPlace: the viewer stays where they are */
+  constructor(
+    client: ChunkClient,
+    private readonly chosen: (source: Source, keepsPlace: boolean) => void,
+  ) {
+    this.editor = new RecipeEditor(client, ({ digest }) => this.choose(digest, true));
+    this.opens.addEventListener("click", () => this.toggle());
+    this.panel.addEventListener("keydown", ({ key }) => {
+      if (key === "Escape") {
+        this.toggle();
+        this.opens.focus();
+      }
+    });
+    element("choose", HTMLFormElement).addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.choose(this.recipe.value, false);
+    });
+    this.recipe.addEventListener("change", () => this.choose(this.recipe.value, false));
+    element("chance", HTMLButtonElement).addEventListener("click", () => {
+      this.seed.value = String(Math.floor(Math.random() * CHANCE_MAX));
+      this.choose(this.recipe.value, false);
+    });
+  }
+
+  /** What there is to choose from. */
+  offer(recipes: readonly Recipe[]): void {
+    this.recipe.replaceChildren(...recipes.map(({ name }) => new Option(titled(name), name)));
+    recipes.forEach(({ name, description }) => this.described.set(name, description));
+  }
+
+  /** What is shown now. */
+  show(world: AnyWorld): void {
+    const { name } = world.recipe;
+    if (![...this.recipe.options].some(({ value }) => value === name)) {
+      this.recipe.append(new Option(`Your own, ${name.slice(0, 8)}`, name));
+    }
+    this.recipe.value = name;
+    this.seed.value = String(world.seed);
+    this.describes.textContent = this.described.get(name) ?? "";
+    this.editor.show(world.recipe);
+    const title = `${this.recipe.selectedOptions[0]?.text ?? name}, seed ${world.seed}`;
+    element("title", HTMLSpanElement).textContent = title;
+    document.title = `${title} · chunkserver`;
+  }
+
+  private choose(recipe: string, keepsPlace: boolean): void {
+    const seed = seedOf(this.seed.value);
+    this.seed.setAttribute("aria-invalid", String(seed === null));
+    this.error.textContent = seed === null ? `A seed is a whole number from ${-SEED_MAX - 1n} to ${SEED_MAX}.` : "";
+    if (seed !== null) {
+      this.chosen({ kind: "seed", seed, recipe }, keepsPlace);
+    }
+  }
+
+  private toggle(): void {
+    this.panel.hidden = !this.panel.hidden;
+    this.opens.setAttribute("aria-expanded", String(!this.panel.hidden));
+    if (!this.panel.hidden) {
+      this.recipe.focus();
+    }
+  }
+}
+
+function titled(name: string): string {
+  return name.charAt(0).toUpperCase() + name.slice(1).replaceAll("-", " ");
+}

@@ -1,0 +1,122 @@
+/** Chunks on their way: a few small batches at a time, the most wanted first, none for longer than it is wanted. */
+
+import {
+  chunkName,
+  type AnyWorld,
+  type ChunkClient,
+  type ChunkMesh,
+  type FittedChunk,
+  type Triple,
+} from "chunkserver-client";
+
+/** Batches at a time: the server answers one while the other's chunks come over. */
+const BATCHES_MAX = 2;
+/** Chunks of a batch: few, so that what is wanted now does not wait behind what was wanted before. */
+const BATCH_CHUNKS = 48;
+/** A batch ends early when less than that part of what is left of it is wanted. */
+const WANTED_LEAST = 0.5;
+
+interface Batch {
+  readonly left: Map<string, FittedChunk>;
+  readonly cancel: AbortController;
+}
+
+/** What becomes of chunks. */
+export interface Arrivals {
+  arrived(mesh: ChunkMesh): void;
+  failed(error: unknown): void;
+}
+
+export class Fetching {
+  /** Milliseconds during which something was on its way, and how many chunks came: for the panel. */
+  busyMs = 0;
+  arrived = 0;
+  private readonly batches = new Set<Batch>();
+  private queue: FittedChunk[] = [];
+  private busySince = 0;
+
+  constructor(
+    private readonly client: ChunkClient,
+    private world: AnyWorld,
+    private readonly arrivals: Arrivals,
+  ) {}
+
+  get underWay(): number {
+    let count = 0;
+    for (const batch of this.batches) {
+      count += batch.left.size;
+    }
+    return count;
+  }
+
+  setWorld(world: AnyWorld): void {
+    this.world = world;
+  }
+
+  /** Asks for these chunks and no others, the first ones first. viewer: in voxels */
+  want(chunks: readonly FittedChunk[], viewer: Triple): void {
+    const names = new Set(chunks.map(chunkName));
+    for (const batch of this.batches) {
+      const wanted = [...batch.left.keys()].filter((name) => names.has(name));
+      if (wanted.length < WANTED_LEAST * batch.left.size) {
+        this.drop(batch);
+      } else {
+        wanted.forEach((name) => names.delete(name));
+      }
+    }
+    this.queue = chunks.filter((chunk) => names.has(chunkName(chunk)));
+    this.begin(viewer);
+  }
+
+  /** Ends all batches. */
+  stop(): void {
+    this.queue = [];
+    [...this.batches].forEach((batch) => this.drop(batch));
+  }
+
+  private drop(batch: Batch): void {
+    this.batches.delete(batch);
+    batch.cancel.abort();
+    this.rest();
+  }
+
+  private begin(viewer: Triple): void {
+    while (this.batches.size < BATCHES_MAX && this.queue.length > 0) {
+      const chunks = this.queue.splice(0, BATCH_CHUNKS);
+      const batch = { left: new Map(chunks.map((chunk) => [chunkName(chunk), chunk])), cancel: new AbortController() };
+      this.busySince = this.batches.size === 0 ? performance.now() : this.busySince;
+      this.batches.add(batch);
+      void this.run(batch, viewer);
+    }
+  }
+
+  private async run(batch: Batch, viewer: Triple): Promise<void> {
+    const { signal } = batch.cancel;
+    try {
+      for await (const mesh of this.client.chunks(this.world, batch.left.values(), { viewer, signal })) {
+        if (signal.aborted) {
+          return;
+        }
+        batch.left.delete(chunkName({ ...mesh.key, coarser: mesh.coarser }));
+        this.arrived += 1;
+        this.arrivals.arrived(mesh);
+      }
+    } catch (error) {
+      if (signal.aborted) {
+        return;
+      }
+      this.stop();
+      this.arrivals.failed(error);
+      return;
+    }
+    this.batches.delete(batch);
+    this.rest();
+    this.begin(viewer);
+  }
+
+  private rest(): void {
+    if (this.batches.size === 0) {
+      this.busyMs += performance.now() - this.busySince;
+    }
+  }
+}

@@ -1,0 +1,89 @@
+/** The recipe as JSON: checked by the server as it is typed, and shown as soon as it is right. */
+
+import { BadRequest, ClientError, type ChunkClient, type Recipe, type RecipeTree } from "chunkserver-client";
+
+import { element } from "./element.js";
+import { lineOf, lineOfError } from "./json_place.js";
+
+/** Milliseconds without a key before the server is asked. */
+const PAUSE_MS = 350;
+const LINE_PIXELS = 18;
+const PADDING_PIXELS = 8;
+
+export class RecipeEditor {
+  private readonly text = element("json", HTMLTextAreaElement);
+  private readonly error = element("json-error", HTMLParagraphElement);
+  private readonly mark = element("marked", HTMLDivElement);
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private line: number | null = null;
+  private asked = 0;
+  private digest = "";
+
+  /** changed: called with a recipe that can be built */
+  constructor(
+    private readonly client: ChunkClient,
+    private readonly changed: (recipe: Recipe) => void,
+  ) {
+    this.text.addEventListener("input", () => {
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => void this.check(), PAUSE_MS);
+    });
+    this.text.addEventListener("scroll", () => this.placeMark());
+    this.say("", null);
+  }
+
+  /** What is shown now. Text that makes it stays as it is. */
+  show(recipe: Recipe): void {
+    if (recipe.digest !== this.digest) {
+      this.digest = recipe.digest;
+      this.text.value = JSON.stringify(recipe.expression, null, 2);
+      this.say("", null);
+    }
+  }
+
+  private async check(): Promise<void> {
+    const [text, number] = [this.text.value, ++this.asked];
+    let tree: RecipeTree;
+    try {
+      tree = JSON.parse(text) as RecipeTree;
+    } catch (error) {
+      this.say((error as Error).message, lineOfError(text, error as SyntaxError));
+      return;
+    }
+    try {
+      const recipe = await this.client.postRecipe(tree);
+      if (number === this.asked) {
+        this.say("", null);
+        if (recipe.digest !== this.digest) {
+          this.digest = recipe.digest;
+          this.changed(recipe);
+        }
+      }
+    } catch (error) {
+      if (number === this.asked) {
+        this.refuse(text, error);
+      }
+    }
+  }
+
+  private refuse(text: string, error: unknown): void {
+    if (error instanceof BadRequest && typeof error.values["path"] === "string") {
+      const { path, expected } = error.values;
+      this.say(`${path || "At the root"}: ${String(expected ?? error.detail)}`, lineOf(text, path as string));
+    } else {
+      this.say(error instanceof ClientError ? error.message : String(error), null);
+    }
+  }
+
+  private say(message: string, line: number | null): void {
+    this.line = line;
+    this.error.textContent = line === null ? message : `Line ${line + 1}. ${message}`;
+    this.text.setAttribute("aria-invalid", String(message !== ""));
+    this.placeMark();
+  }
+
+  private placeMark(): void {
+    this.mark.hidden = this.line === null;
+    this.mark.style.top = `${PADDING_PIXELS + (this.line ?? 0) * LINE_PIXELS - this.text.scrollTop}px`;
+  }
+}

@@ -1,0 +1,188 @@
+/** One world on the screen, from its first chunk to its last: what is drawn, the viewer in it, its edits. */
+
+import { type AnyWorld, type ChunkClient, type Stroke, type Triple } from "chunkserver-client";
+import { ChunkGroup, ChunkObject } from "chunkserver-client/three";
+import { PerspectiveCamera, Scene, Vector3, type Vector3Tuple, type WebGLRenderer } from "three";
+
+import { Following } from "./following.js";
+import { Ground, type Hit } from "./ground.js";
+import { Look, type View } from "./look_plain.js";
+import { Motion, type Wish } from "./motion.js";
+import { Pose } from "./pose.js";
+import { shapeOf } from "./shape.js";
+import type { Start } from "./starts.js";
+import { Terrain } from "./terrain.js";
+import { lengthOf, minus, plus } from "./vectors.js";
+import { extentOf } from "./world.js";
+
+export const FOV_DEGREES = 60;
+/** How far the surface may seem to be off, in pixels. */
+const ERROR_PIXELS = 3;
+/** Voxels from the viewer to the anchor. */
+const ANCHOR_AWAY_MAX = 2048;
+const NEAR_MIN = 0.08;
+const NEAR_MAX = 1e5;
+/** Of the distance to the nearest bounds of a chunk. */
+const NEAR_PART = 0.5;
+/** How far is dug, in metres; further where the ground is further away. */
+const REACH_LEAST = 400;
+
+export class Session {
+  readonly scene = new Scene();
+  readonly camera = new PerspectiveCamera(FOV_DEGREES, 1, NEAR_MIN, 1e4);
+  readonly ground = new Ground();
+  readonly pose: Pose;
+  readonly motion: Motion;
+  readonly terrain: Terrain;
+  readonly following: Following;
+  triangles = 0;
+  bytes = 0;
+  private readonly group: ChunkGroup;
+  private readonly look: Look;
+  private readonly objects = new Map<string, ChunkObject>();
+  private readonly far: number;
+  private seconds = 0;
+
+  /** failed: told when the server cannot be reached, or the world is not what it was. */
+  constructor(
+    renderer: WebGLRenderer,
+    client: ChunkClient,
+    world: AnyWorld,
+    start: (name: string, shape: ReturnType<typeof shapeOf>) => Start,
+    screenPixels: number,
+    failed: (error: unknown) => void,
+  ) {
+    const shape = shapeOf(world.recipe.expression);
+    const extent = extentOf(world, shape);
+    const { position, ahead } = start(world.recipe.name, shape);
+    this.pose = new Pose(shape, position, ahead);
+    const within = (shape.centre === null ? 2 ** 40 - 2 ** 20 : extent.reach * 0.9) as number;
+    this.motion = new Motion(this.pose, this.ground, world.voxelSize, within);
+    this.group = new ChunkGroup(world);
+    this.scene.add(this.group);
+    this.group.moveAnchor(position);
+    this.far = 1.5 * extent.reach * world.voxelSize;
+    this.look = new Look(renderer, this.scene, {
+      seedOrRecipeName: world.recipe.name,
+      voxelSize: world.voxelSize,
+      isPlanet: shape.centre !== null,
+      centre: shape.centre === null ? null : [...shape.centre],
+      radius: shape.radius,
+    });
+    const { lods, ...view } = extent;
+    const shown = { ...world, lods, geometricErrors: world.geometricErrors?.slice(0, lods) ?? null };
+    const options = { ...view, errorPixels: ERROR_PIXELS, fovDegrees: FOV_DEGREES, screenPixels };
+    const canvas = {
+      draw: this.draw.bind(this),
+      remove: this.remove.bind(this),
+    };
+    this.terrain = new Terrain(client, world, shown, options, canvas, failed);
+    this.following = new Following(client, world, this.terrain, failed);
+  }
+
+  get world(): AnyWorld {
+    return this.following.world;
+  }
+
+  /** How many chunks of each level are drawn that have triangles. */
+  get levels(): number[] {
+    const counts: number[] = [];
+    for (const { chunk } of this.objects.values()) {
+      counts[chunk.key.lod] = (counts[chunk.key.lod] ?? 0) + 1;
+    }
+    return Array.from(counts, (count) => count ?? 0);
+  }
+
+  setView(view: View): void {
+    this.look.setView(view);
+    for (const object of this.objects.values()) {
+      object.material = this.look.materialFor(object.chunk);
+    }
+  }
+
+  resize(width: number, height: number): void {
+    this.camera.aspect = width / height;
+    this.look.resize(width, height);
+  }
+
+  /** One frame. elapsed: seconds since the one before */
+  frame(wish: Wish, elapsed: number): void {
+    this.seconds += elapsed;
+    this.motion.move(wish, elapsed, this.terrain.covers(this.pose.position));
+    const { position, ahead, up } = this.pose;
+    this.terrain.update(position, this.motion.voxelsPerSecond);
+    if (lengthOf(minus(position, this.group.anchor)) > ANCHOR_AWAY_MAX) {
+      this.group.moveAnchor(position);
+    }
+    const { camera } = this;
+    camera.position.copy(this.group.positionOf(position));
+    camera.up.set(...(up as Vector3Tuple));
+    camera.lookAt(camera.position.clone().add(new Vector3(...ahead)));
+    const clear = this.ground.clearance(position) * this.world.voxelSize;
+    camera.near = Math.max(NEAR_MIN, Math.min(clear * NEAR_PART, NEAR_MAX));
+    camera.far = Math.max(this.far, 4 * camera.near);
+    camera.updateProjectionMatrix();
+    camera.updateMatrixWorld();
+    this.look.update(camera, [...this.group.anchor], camera.up, this.seconds);
+    this.look.render(camera);
+  }
+
+  /** Where the crosshair meets the ground. */
+  aim(): Hit | null {
+    const reach = Math.max(REACH_LEAST, 4 * this.motion.altitude) / this.world.voxelSize;
+    return this.ground.ray(this.pose.position, this.pose.ahead, reach);
+  }
+
+  /** Takes a ball of rock away, or puts one there. radius: metres. Returns whether there was anything to aim at. */
+  async strike(op: "carve" | "fill", radius: number): Promise<boolean> {
+    const hit = this.aim();
+    if (hit === null) {
+      return false;
+    }
+    const center = plus(this.pose.position, this.pose.ahead, hit.along);
+    await this.edit([{ op, shape: "sphere", center, radius: radius / this.world.voxelSize }]);
+    return true;
+  }
+
+  edit(strokes: readonly Stroke[]): Promise<void> {
+    return this.following.edit(strokes);
+  }
+
+  moveTo(position: Triple, ahead: Triple | null): void {
+    this.motion.stop();
+    this.pose.position = position;
+    if (ahead !== null) {
+      this.pose.lookAlong(ahead);
+    }
+    this.terrain.jump();
+  }
+
+  dispose(): void {
+    this.following.stop();
+    this.terrain.dispose();
+    this.look.dispose();
+  }
+
+  private draw(name: string, mesh: ConstructorParameters<typeof ChunkObject>[0]): void {
+    const object = new ChunkObject(mesh, this.look.materialFor(mesh));
+    object.castShadow = object.receiveShadow = true;
+    this.objects.set(name, object);
+    this.group.add(object);
+    this.ground.add(mesh);
+    this.triangles += mesh.indices.length / 3;
+    this.bytes += mesh.positions.byteLength + mesh.normals.byteLength + mesh.indices.byteLength;
+  }
+
+  private remove(name: string): void {
+    const object = this.objects.get(name);
+    if (object !== undefined) {
+      this.objects.delete(name);
+      this.group.remove(object);
+      object.dispose();
+      this.ground.remove(object.chunk);
+      const { positions, normals, indices } = object.chunk;
+      this.triangles -= indices.length / 3;
+      this.bytes -= positions.byteLength + normals.byteLength + indices.byteLength;
+    }
+  }
+}

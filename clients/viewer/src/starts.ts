@@ -1,0 +1,70 @@
+/** From where a world is seen first, in voxels: what shows each built-in recipe well, and any other from above. */
+
+import type { Triple } from "chunkserver-client";
+
+import type { Shape } from "./shape.js";
+import { minus, plus } from "./vectors.js";
+
+export interface Start {
+  readonly position: Triple;
+  readonly ahead: Triple;
+}
+
+/** Eye and target. */
+const BY_RECIPE: Readonly<Record<string, readonly [Triple, Triple]>> = {
+  terrain: [
+    [240, 26, -100],
+    [200, 14, -130],
+  ],
+  hills: [
+    [0, 50, 0],
+    [100, 37, 60],
+  ],
+  islands: [
+    [0, 110, -260],
+    [200, 0, 200],
+  ],
+  canyon: [
+    [140, 40, 120],
+    [235, -40, -110],
+  ],
+  "floating-islands": [
+    [-20, 70, -330],
+    [80, 10, 0],
+  ],
+  arches: [
+    [0, 50, -150],
+    [100, 20, 100],
+  ],
+  city: [
+    [44, 150, -330],
+    [110, 60, 0],
+  ],
+  spires: [
+    [0, 90, -150],
+    [100, 60, 100],
+  ],
+  ring: [
+    [0, 500, 1500],
+    [0, 0, 0],
+  ],
+  plane: [
+    [0, 12, 0],
+    [0, 8, -40],
+  ],
+};
+const ABOVE: readonly [Triple, Triple] = [
+  [0, 90, 0],
+  [100, 40, -100],
+];
+/** Of a ball, in radii from its centre. */
+const ORBIT: Triple = [0.9, 1.3, 2.6];
+
+export function startOf(recipe: string, { centre, radius }: Shape): Start {
+  if (centre !== null && radius !== null) {
+    const position = plus(centre, ORBIT, radius);
+    return { position, ahead: minus(centre, position) };
+  }
+  const [eye, target] = BY_RECIPE[recipe] ?? ABOVE;
+  return { position: eye, ahead: minus(target, eye) };
+}

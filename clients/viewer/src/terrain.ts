@@ -1,0 +1,308 @@
+/**
+ * What is drawn of a world, and what is fetched for it: docs/level-of-detail.md, "While chunks load".
+ *
+ * An edit makes chunks stale that are drawn. They count as changed, like those of which another level is wanted, so one
+ * list of swaps has both: chunks of one edit are drawn anew at once, and borders fit at all times.
+ */
+
+import {
+  LevelOfDetail,
+  chunkName,
+  isStale,
+  keyName,
+  swaps,
+  type AnyWorld,
+  type ChunkClient,
+  type ChunkMesh,
+  type ChunkRange,
+  type ChunkSet,
+  type FittedChunk,
+  type Selection,
+  type Triple,
+  type ViewOptions,
+} from "chunkserver-client";
+
+import { Fetching } from "./fetching.js";
+
+/** How much coarser the first worlds are that are shown: a whole one comes soon. */
+const STAGES: readonly number[] = [16, 4, 1];
+/** Milliseconds between two looks at what is to be shown, while chunks are on their way. */
+const SELECT_MS = 120;
+/** Chunks whose newest edit is remembered. */
+const NEEDED_MAX = 100_000;
+
+/** Where chunks are drawn. Those without triangles are not among them. */
+export interface Canvas {
+  draw(name: string, mesh: ChunkMesh): void;
+  remove(name: string): void;
+}
+
+/** Chunks that take others' place once all of them have come. */
+interface Step {
+  readonly old: readonly string[];
+  readonly fresh: ReadonlyMap<string, FittedChunk>;
+  missing: number;
+}
+
+export class Terrain {
+  private readonly stages: readonly LevelOfDetail[];
+  private readonly fetching: Fetching;
+  private stage = 0;
+  private selection: Selection | null = null;
+  private drawn = new Map<string, FittedChunk>();
+  /** Names of those that an edit has outdated. */
+  private readonly stale = new Set<string>();
+  /** By key, the revision that it must have. */
+  private readonly needed = new Map<string, bigint>();
+  /** Came, and are not drawn yet. */
+  private readonly ready = new Map<string, ChunkMesh>();
+  private steps: Step[] = [];
+  private stepOf = new Map<string, Step>();
+  private isChanged = false;
+  private selectedAt = -Infinity;
+  private isStopped = false;
+  private readonly chunkCells: number;
+  private coveredBy: FittedChunk | null = null;
+
+  /**
+   * @param shown the world, with as many of its levels as are shown
+   * @param failed told when chunks cannot be had; `resume` tries again
+   */
+  constructor(
+    client: ChunkClient,
+    world: AnyWorld,
+    shown: Pick<AnyWorld, "chunkCells" | "lods" | "low" | "high" | "geometricErrors">,
+    options: ViewOptions,
+    private readonly canvas: Canvas,
+    failed: (error: unknown) => void,
+  ) {
+    const { errorPixels = 4 } = options;
+    this.stages = STAGES.map((times) => new LevelOfDetail(shown, { ...options, errorPixels: errorPixels * times }));
+    this.chunkCells = world.chunkCells;
+    this.fetching = new Fetching(client, world, {
+      arrived: (mesh) => this.arrived(mesh),
+      failed: (error) => {
+        this.isStopped = true;
+        failed(error);
+      },
+    });
+  }
+
+  /** Chunks that are wanted and not drawn yet. */
+  get pending(): number {
+    return this.steps.reduce((sum, step) => sum + step.fresh.size, 0);
+  }
+
+  /** Whether what is drawn is what is wanted, at full detail. */
+  get isSettled(): boolean {
+    return this.steps.length === 0 && !this.isChanged && this.selection !== null && this.isLastStage;
+  }
+
+  get chunks(): number {
+    return this.drawn.size;
+  }
+
+  /** How many chunks came over, and milliseconds of waiting for one. */
+  get arrivedChunks(): number {
+    return this.fetching.arrived;
+  }
+
+  get msPerChunk(): number {
+    return this.fetching.arrived ? this.fetching.busyMs / this.fetching.arrived : 0;
+  }
+
+  /** Once a frame. position, velocity: voxels, and voxels a second */
+  update(position: Triple, velocity: Triple): void {
+    const now = performance.now();
+    if (this.steps.length === 0 || now - this.selectedAt > SELECT_MS) {
+      this.select(position, velocity);
+      this.selectedAt = now;
+    }
+    if (this.isChanged) {
+      this.isChanged = false;
+      this.plan(position);
+    }
+    this.advance();
+  }
+
+  /** Whether the chunk is drawn that a point is in, whichever level it is of. */
+  covers(point: Triple): boolean {
+    if (
+      this.coveredBy !== null &&
+      this.drawn.has(chunkName(this.coveredBy)) &&
+      isIn(point, this.coveredBy, this.chunkCells)
+    ) {
+      return true;
+    }
+    this.coveredBy = null;
+    for (const chunk of this.drawn.values()) {
+      if (isIn(point, chunk, this.chunkCells)) {
+        this.coveredBy = chunk;
+        return true;
+      }
+    }
+    return false;
+  }
+
+  /** The viewer is somewhere else all at once: begins with a coarse world there. */
+  jump(): void {
+    this.stage = 0;
+    this.selection = null;
+    this.selectedAt = -Infinity;
+    this.isChanged = true;
+  }
+
+  /** The same chunks are those of another world from now on: a seed's, of which somebody has made a world. */
+  setWorld(world: AnyWorld): void {
+    this.fetching.setWorld(world);
+  }
+
+  /** Some chunks have changed. stale: null is all of them */
+  outdate(stale: readonly ChunkRange[] | null, revision: bigint): void {
+    const known = [...this.drawn.values(), ...this.steps.flatMap((step) => [...step.fresh.values()])];
+    for (const chunk of known) {
+      if (stale === null || isStale(chunk, stale)) {
+        const key = keyName(chunk);
+        if ((this.needed.get(key) ?? 0n) < revision) {
+          this.needed.delete(key); // the newest are the last ones
+          this.needed.set(key, revision);
+        }
+        const name = chunkName(chunk);
+        if (this.drawn.has(name)) {
+          this.stale.add(name);
+        }
+        if (this.isOld(this.ready.get(name))) {
+          this.ready.delete(name);
+        }
+      }
+    }
+    for (const key of this.needed.keys()) {
+      if (this.needed.size <= NEEDED_MAX) {
+        break;
+      }
+      this.needed.delete(key);
+    }
+    this.fetching.stop(); // what is on its way may be from before
+    this.isChanged = true;
+  }
+
+  /** Goes on after a failure. */
+  resume(): void {
+    this.isStopped = false;
+    this.isChanged = true;
+  }
+
+  dispose(): void {
+    this.fetching.stop();
+    this.isStopped = true;
+    for (const name of this.drawn.keys()) {
+      this.canvas.remove(name);
+    }
+    this.drawn.clear();
+  }
+
+  private get isLastStage(): boolean {
+    return this.stage === this.stages.length - 1;
+  }
+
+  private select(position: Triple, velocity: Triple): void {
+    if (this.selection !== null && !this.isLastStage && this.steps.length === 0 && !this.isChanged) {
+      this.stage += 1;
+      this.selection = null;
+    }
+    const before = this.selection;
+    this.selection = this.stages[this.stage]!.select(position, velocity, before);
+    this.isChanged ||= this.selection.chunks !== before?.chunks;
+  }
+
+  /** Works out what has to be swapped, and asks for what is missing. */
+  private plan(position: Triple): void {
+    const wanted = this.selection!.chunks;
+    const marked = new Map([...this.drawn].map(([name, chunk]) => [this.stale.has(name) ? `${name}!` : name, chunk]));
+    this.steps = swaps(marked, wanted).map(({ old, new: fresh }) => this.step(old, fresh));
+    this.stepOf = new Map(this.steps.flatMap((step) => [...step.fresh.keys()].map((name) => [name, step])));
+    for (const name of this.ready.keys()) {
+      if (!this.stepOf.has(name)) {
+        this.ready.delete(name);
+      }
+    }
+    if (!this.isStopped) {
+      const missing = this.steps.flatMap((step) => [...step.fresh].filter(([name]) => !this.ready.has(name)));
+      const chunks = missing.map(([, chunk]) => chunk);
+      this.fetching.want(byDistance(chunks, position, this.chunkCells), position);
+    }
+  }
+
+  private step(old: ChunkSet, fresh: ChunkSet): Step {
+    let missing = 0;
+    for (const name of fresh.keys()) {
+      missing += this.ready.has(name) ? 0 : 1;
+    }
+    return { old: [...old.keys()], fresh, missing };
+  }
+
+  /** Does the steps whose chunks have all come. */
+  private advance(): void {
+    const done = this.steps.filter((step) => step.missing === 0);
+    if (done.length === 0) {
+      return;
+    }
+    for (const step of done) {
+      for (const name of step.old) {
+        this.remove(name);
+      }
+      for (const [name, chunk] of step.fresh) {
+        this.remove(name); // the same chunk from before an edit
+        this.drawn.set(name, chunk);
+        const mesh = this.ready.get(name)!;
+        this.ready.delete(name);
+        if (mesh.content === "surface") {
+          this.canvas.draw(name, mesh);
+        }
+      }
+    }
+    this.steps = this.steps.filter((step) => step.missing > 0);
+  }
+
+  private remove(name: string): void {
+    if (this.drawn.delete(name)) {
+      this.stale.delete(name);
+      this.canvas.remove(name);
+    }
+  }
+
+  private arrived(mesh: ChunkMesh): void {
+    const name = chunkName({ ...mesh.key, coarser: mesh.coarser });
+    const step = this.stepOf.get(name);
+    if (step === undefined || this.ready.has(name) || this.isStopped) {
+      return;
+    }
+    if (this.isOld(mesh)) {
+      this.isChanged = true; // is asked for again
+      return;
+    }
+    this.ready.set(name, mesh);
+    step.missing -= 1;
+  }
+
+  private isOld(mesh: ChunkMesh | undefined): boolean {
+    return mesh !== undefined && mesh.revision < (this.needed.get(keyName(mesh.key)) ?? 0n);
+  }
+}
+
+/** The nearest first, of two that are as near the coarser. */
+function byDistance(chunks: readonly FittedChunk[], [x, y, z]: Triple, cells: number): FittedChunk[] {
+  const gap = (at: number, low: number, side: number) => Math.max(low - at, at - low - side, 0);
+  const rows = chunks.map((chunk) => {
+    const side = cells * 2 ** chunk.lod;
+    const away = Math.hypot(gap(x, chunk.x * side, side), gap(y, chunk.y * side, side), gap(z, chunk.z * side, side));
+    return { chunk, away };
+  });
+  rows.sort((one, other) => one.away - other.away || other.chunk.lod - one.chunk.lod);
+  return rows.map(({ chunk }) => chunk);
+}
+
+function isIn(point: Triple, chunk: FittedChunk, cells: number): boolean {
+  const side = cells * 2 ** chunk.lod;
+  return [chunk.x, chunk.y, chunk.z].every((place, axis) => Math.floor(point[axis]! / side) === place);
+}

@@ -1,0 +1,1 @@
+"""The viewer, built and in a real Chromium."""
