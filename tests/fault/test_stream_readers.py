@@ -100,13 +100,13 @@ def stopped(server: Server, stack: ExitStack) -> subprocess.Popen[bytes]:
     return child
 
 
-async def dig(crowd: Crowd, sent: list[Sent], seconds: float) -> None:
+async def dig(crowd: Crowd, editor: str, sent: list[Sent], seconds: float) -> None:
     """Edit at a steady rate, always the same places: what the world itself takes stays as it is."""
     begun = time.perf_counter()
     for number in range(int(seconds * EDITS_PER_SECOND)):
         await asyncio.sleep(max(0.0, begun + number / EDITS_PER_SECOND - time.perf_counter()))
         ball = {"op": "carve", "shape": "sphere", "center": [8.0 * (number % 4), 0.0, 0.0], "radius": 4.0}
-        sent.append(crowd.edit(next(iter(crowd.editors)), [ball]))
+        sent.append(crowd.edit(editor, [ball]))
 
 
 def late(sent: list[Sent]) -> float:
@@ -129,8 +129,8 @@ async def scenario(server: Server, stack: ExitStack) -> tuple[float, float]:
     await crowd.join(["editor"], edit=True)
     await crowd.join([f"listener-{number}" for number in range(LISTENERS)])
     before: list[Sent] = []
-    await dig(crowd, [], 0.2)
-    await dig(crowd, before, SECONDS)
+    await dig(crowd, "editor", [], 0.2)
+    await dig(crowd, "editor", before, SECONDS)
     memory = resident_bytes(server)
     port = port_of(server)
     for number in range(NEVER):
@@ -143,7 +143,7 @@ async def scenario(server: Server, stack: ExitStack) -> tuple[float, float]:
     beside: list[Sent] = []
     while await asyncio.to_thread(streams, server) > 1 + LISTENERS:
         assert time.perf_counter() - begun < GONE_SECONDS_MAX, "who does not read is still there"
-        await dig(crowd, beside, 0.5)
+        await dig(crowd, "editor", beside, 0.5)
     await crowd.settle(SECONDS_MAX)
     reading.cancel()
     crowd.close()
@@ -168,7 +168,7 @@ async def leave_early(server: Server, editor: str) -> None:
     crowd = Crowd(resolve(server.url), PATH)
     await crowd.join([editor], edit=True)
     await crowd.join([f"listener-{number}" for number in range(LISTENERS)])
-    await dig(crowd, [], 0.3)
+    await dig(crowd, editor, [], 0.3)
     crowd.close()
     assert not crowd.refused
 

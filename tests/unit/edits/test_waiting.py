@@ -15,7 +15,8 @@ def wanted(boxes: np.ndarray) -> int:
 
 
 def test_boxes_stay_in_order_and_bricks_are_never_too_few(rng):
-    waiting, edits = Waiting(LODS), deque()
+    waiting = Waiting(LODS)
+    edits: deque[np.ndarray] = deque()
     seen: list[tuple[np.ndarray, np.ndarray]] = []
     was_exact = 0
     for turn in range(600):
