@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from chunkserver.edits.pyramid import bricks_met
 
+COUNTED_MAX: Final = 1 << 13
+"""Boxes whose bricks are counted: 0.1 s. With more, whoever wants room waits until some are folded."""
+
 _Ints = NDArray[np.int64]
 _BEGIN: Final = 1 << 8
 """Boxes that there is room for at first."""
@@ -16,8 +19,8 @@ _BEGIN: Final = 1 << 8
 class Waiting:
     """The boxes of edits, in the order in which these were taken.
 
-    bricks: how many bricks they may want at most. A brick that two edits want is counted twice, until that is too many
-        for somebody and `count` finds out how many there are.
+    A brick that two edits want counts twice, until that is too many for somebody and `count` finds out how many there
+    are.
     """
 
     def __init__(self, lods: int) -> None:
@@ -26,6 +29,7 @@ class Waiting:
         self._first = self._last = 0
         self._sum = 0
         self._counted: int | None = None
+        self._has_news = True
 
     @property
     def boxes(self) -> _Ints:
@@ -63,10 +67,13 @@ class Waiting:
         self._leave(bricks)
 
     def count(self) -> None:
-        """Find out how many bricks they want."""
-        self._counted = len(bricks_met(self.boxes, self._levels).keys)
+        """Find out how many bricks they want, unless that was done since an edit left, or it would take too long."""
+        boxes = self.boxes
+        if self._has_news and len(boxes) <= COUNTED_MAX:
+            self._has_news, self._counted = False, len(bricks_met(boxes, self._levels).keys)
 
     def _leave(self, bricks: int) -> None:
         self._sum -= bricks
+        self._has_news = True
         if self._first == self._last:
             self._counted = None

@@ -67,6 +67,7 @@ class Server:
         self.open_most = 0
         self.url = ""
         self._open: set[asyncio.StreamWriter] = set()
+        self._writers: list[asyncio.StreamWriter] = []
         self._tasks: set[asyncio.Task[None]] = set()
         self._reply = reply
         self._loop = asyncio.new_event_loop()
@@ -97,11 +98,10 @@ class Server:
         await self._over.wait()
         server.close()
         await asyncio.sleep(PAUSE_SECONDS)  # a connection just accepted has its task one turn of the loop later
-        still_open = tuple(self._open)  # a writer that is closed by its task may still have something to write
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks)
-        for writer in still_open:
+        for writer in self._writers:  # one that is closed may still have something to write
             writer.transport.abort()
         await asyncio.sleep(PAUSE_SECONDS)  # transports close one turn of the loop later
 
@@ -110,6 +110,7 @@ class Server:
         assert task
         self._tasks.add(task)
         self._open.add(writer)
+        self._writers.append(writer)
         self.open_most = max(self.open_most, len(self._open))
         with suppress(ConnectionError, asyncio.IncompleteReadError, asyncio.CancelledError):
             while head := (await reader.readuntil(b"\r\n\r\n")).decode():

@@ -102,11 +102,6 @@ class Crowd:
         self._read: Message = {}
 
     @property
-    def editors(self) -> tuple[str, ...]:
-        """Who edits; whoever is lost is among them."""
-        return tuple(self._editors)
-
-    @property
     def skipped(self) -> int:
         """Messages that stand for edits which were not told one by one."""
         return self.stale + self.resync
