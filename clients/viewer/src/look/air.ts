@@ -30,8 +30,8 @@ const SUN = 20;
 /** The air of a flat world is that of a ball as large as the Earth under it. radius: metres, null for a flat world. */
 export function airUniforms(radius: number | null, airless: boolean): AirUniforms {
   const ground = radius === null ? EARTH_RADIUS : radius * 0.97;
-  const [molecules, haze] = radius === null ? [8000, 1200] : [radius * 0.05, radius * 0.025];
-  const thickness = airless ? 0 : radius === null ? 1 : 1.4;
+  const [molecules, haze] = radius === null ? [8000, 1200] : [radius * 0.045, radius * 0.02];
+  const thickness = airless ? 0 : radius === null ? 1 : 1.15;
   const [red, green, blue] = RAYLEIGH_UP;
   return {
     airCentre: { value: new Vector3() },

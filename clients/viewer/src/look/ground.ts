@@ -4,6 +4,7 @@ import { placed } from "chunkserver-client/three";
 import { ShaderMaterial, Vector3, type Texture } from "three";
 
 import { AIR, type AirUniforms } from "./air.js";
+import { CITY } from "./city.js";
 import { OPENNESS, type OpennessUniforms } from "./openness.js";
 import type { Ground } from "./palette.js";
 import { PERIOD, TURNS } from "./period.js";
@@ -17,6 +18,8 @@ export interface GroundUniforms {
   [name: string]: { value: unknown };
   /** What is left of the anchor modulo PERIOD, metres. */
   anchorLeft: { value: Vector3 };
+  /** The same modulo STREETS_PERIOD. */
+  streetsLeft: { value: Vector3 };
   /** The middle of a planet in the scene; of a flat world, its y is where height 0 is. Metres. */
   middle: { value: Vector3 };
   /** From where the ground is seen as hazy as the sky behind it, metres. */
@@ -54,9 +57,11 @@ export function groundMaterial(parts: GroundParts): ShaderMaterial {
     rockLayerColour: { value: new Vector3(...ground.rockLayer) },
     grassColour: { value: new Vector3(...ground.grass) },
     grassDryColour: { value: new Vector3(...ground.grassDry) },
+    sandColour: { value: new Vector3(...ground.sand) },
     soilColour: { value: new Vector3(...ground.soil) },
+    lowColour: { value: new Vector3(...ground.low) },
     snowColour: { value: new Vector3(...ground.snow) },
-    soilBelow: { value: ground.soilBelow },
+    lowBelow: { value: ground.lowBelow },
     snowAbove: { value: ground.snowAbove },
     grassSlope: { value: ground.grassSlope },
     layers: { value: ground.layers },
@@ -64,9 +69,13 @@ export function groundMaterial(parts: GroundParts): ShaderMaterial {
     radius: { value: radius ?? 0 },
     voxelSize: { value: parts.voxelSize },
   };
-  const defines: Record<string, number> = {};
+  const defines: Record<string, number | string> = { DRYER: "0.0" };
   if (radius !== null) {
     defines["PLANET"] = 1;
+    defines["DRYER"] = "0.02";
+  }
+  if (ground.isCity) {
+    defines["CITY"] = 1;
   }
   if (quality === "high") {
     defines["FINE"] = 1;
@@ -101,6 +110,7 @@ const FRAGMENT = /* glsl */ `
 varying vec3 place;
 varying vec3 outwards;
 uniform vec3 anchorLeft;
+uniform vec3 streetsLeft;
 uniform vec3 middle;
 uniform float visibility;
 uniform sampler2D rockNoise;
@@ -109,9 +119,11 @@ uniform vec3 rockColour;
 uniform vec3 rockLayerColour;
 uniform vec3 grassColour;
 uniform vec3 grassDryColour;
+uniform vec3 sandColour;
 uniform vec3 soilColour;
+uniform vec3 lowColour;
 uniform vec3 snowColour;
-uniform float soilBelow;
+uniform float lowBelow;
 uniform float snowAbove;
 uniform float grassSlope;
 uniform float layers;
@@ -156,12 +168,17 @@ Detail triplanar(sampler2D noise, vec3 at, vec3 weights, mat2 turn) {
   return all;
 }
 
+Detail faded(Detail one, float share) {
+  return Detail(one.height * share, one.coarse * share, one.slope * share);
+}
+
 vec3 sides(vec3 normal) {
   vec3 weights = max(abs(normal) - 0.2, 0.0);
   weights *= weights * weights;
   return weights / (weights.x + weights.y + weights.z);
 }
 
+${CITY}
 void main() {
   #include <logdepthbuf_fragment>
   vec3 normal = normalize(outwards);
@@ -183,14 +200,26 @@ void main() {
   dy = dFdy(place);
   vec3 weights = sides(normal);
 
-  Detail wide = triplanar(soilNoise, at, weights, ${turns[0]});
-  Detail mid = triplanar(soilNoise, at, weights, ${turns[1]});
-  float patches = wide.height * 0.65 + mid.height * 0.35;
+  // a texture is no longer seen where its period is a few pixels: what is left of it would only repeat
+  float pixel = max(length(dx), length(dy));
+  vec4 seen = 1.0 - smoothstep(vec4(1.2, 0.18, 0.09, 0.03), vec4(5.0, 0.9, 0.5, 0.2), vec4(pixel));
+  Detail vast = triplanar(soilNoise, at, weights, ${turns[0]});
+  Detail wide = faded(triplanar(soilNoise, at, weights, ${turns[1]}), seen.x);
+  Detail mid = faded(triplanar(soilNoise, at, weights, ${turns[2]}), seen.y);
+  float patches = vast.height * 0.4 + wide.height * 0.5 + mid.height * 0.25;
 
   // what grows where; edges between are broken up by noise
   float rugged = mid.height * 0.10 + wide.height * 0.05;
-  float grass = smoothstep(grassSlope - 0.10, grassSlope + 0.06, slope + rugged);
-  float soil = 1.0 - smoothstep(soilBelow - 1.0, soilBelow + 1.5, height + wide.height * 6.0 + mid.height * 2.0);
+#ifdef CITY
+  vec3 building = (place + streetsLeft) / voxelSize;
+#endif
+  float open = openness(place, normal, up);
+  float grass = smoothstep(grassSlope - 0.10, grassSlope + 0.06, slope + rugged) * smoothstep(0.2, 0.5, open);
+#ifdef CITY
+  float low = 1.0 - smoothstep(lowBelow - 0.5, lowBelow + 0.5, height);
+#else
+  float low = 1.0 - smoothstep(lowBelow - 1.0, lowBelow + 1.5, height + wide.height * 6.0 + mid.height * 2.0);
+#endif
   float bare = smoothstep(grassSlope - 0.24, grassSlope - 0.06, slope + rugged * 1.4) * (1.0 - grass);
   float snowLine = snowAbove + wide.height * 9.0 + mid.height * 5.0;
 #ifdef PLANET
@@ -199,7 +228,6 @@ void main() {
   float snow = smoothstep(-2.0, 3.0, height - snowLine) * smoothstep(0.35, 0.62, slope + rugged);
 
   float rocky = (1.0 - grass) * (1.0 - bare) * (1.0 - snow);
-  float tone = patches;
   vec3 bump = vec3(0.0);
 #ifdef FINE
   float strata = sin((height + mid.coarse * 3.0 + wide.height * 8.0) * 0.9) + 0.5 * sin((height + mid.height * 2.0) * 2.7 + 1.3);
@@ -210,17 +238,17 @@ void main() {
 #ifdef FINE
   float coarseRock = 0.0;
   if (rocky > 0.01) {
-    Detail a = triplanar(rockNoise, at, weights, ${turns[1]});
-    Detail b = triplanar(rockNoise, at, weights, ${turns[2]});
-    Detail c = triplanar(rockNoise, at, weights, ${turns[3]});
+    Detail a = faded(triplanar(rockNoise, at, weights, ${turns[2]}), seen.y);
+    Detail b = faded(triplanar(rockNoise, at, weights, ${turns[3]}), seen.z);
+    Detail c = faded(triplanar(rockNoise, at, weights, ${turns[4]}), seen.w);
     fineTone += rocky * (a.height * 0.5 + b.height * 0.55 + c.height * 0.4);
     bump += rocky * (a.slope * 1.1 + b.slope * 0.5 + c.slope * 0.10);
   }
   if (rocky < 0.99) {
-    Detail b = triplanar(soilNoise, at, weights, ${turns[2]});
-    Detail c = triplanar(soilNoise, at, weights, ${turns[3]});
-    fineTone += (1.0 - rocky) * (b.height * 0.45 + c.height * 0.5);
-    bump += (1.0 - rocky) * (mid.slope * 0.5 + b.slope * 0.20 + c.slope * 0.06) * (1.0 - 0.7 * snow);
+    Detail b = faded(triplanar(soilNoise, at, weights, ${turns[3]}), seen.z);
+    Detail c = faded(triplanar(soilNoise, at, weights, ${turns[4]}), seen.w);
+    fineTone += (1.0 - rocky) * (b.height * 0.8 + c.height * 0.9);
+    bump += (1.0 - rocky) * (mid.slope * 0.22 + b.slope * 0.30 + c.slope * 0.13) * (1.0 - 0.7 * snow);
   }
   bump *= ${SLOPE_MAX}.0 * roughness;
   bump -= dot(bump, normal) * normal;
@@ -232,14 +260,19 @@ void main() {
 
   vec3 rock = mix(rockColour, rockLayerColour, clamp(0.5 + 0.4 * layers * strata - 0.35 * patches, 0.0, 1.0));
   rock *= mix(1.0, 0.55 + 0.8 * touch, roughness);
-  vec3 meadow = mix(grassColour, grassDryColour, clamp(0.42 + patches * 1.2 + fineTone * 0.25, 0.0, 1.0));
-  meadow *= mix(1.0, 0.62 + 0.68 * touch, max(roughness, 0.5));
+  vec3 meadow = mix(grassColour, grassDryColour, clamp(0.32 + patches * 1.1 + fineTone * 0.2 + height * DRYER, 0.0, 1.0));
+  meadow = mix(meadow, sandColour, smoothstep(0.12, 0.42, vast.height + 0.25 * wide.height));
+  meadow *= mix(1.0, 0.40 + 1.15 * touch, max(roughness, 0.5));
   vec3 earth = soilColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);
+  vec3 bottom = lowColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);
   vec3 colour = mix(rock, earth, bare);
-  colour = mix(colour, mix(meadow, earth, soil), grass);
+  colour = mix(colour, mix(meadow, bottom, low), grass);
   colour = mix(colour, snowColour * (0.92 + 0.08 * touch), snow);
 
-  float open = openness(place, normal, up);
+#ifdef CITY
+  float glass = dress(colour, building, normal, far / voxelSize);
+  face = normalize(mix(face, normal, glass));
+#endif
   float lit = dot(face, sunDirection);
   float shadow = lit > 0.0 ? sunlight(place, normal, far) : 0.0;
 #ifdef PLANET
@@ -250,23 +283,30 @@ void main() {
   float day = 1.0;
 #endif
   float facing = 0.5 + 0.5 * dot(face, up);
-  vec3 ambient = mix(vec3(0.62, 0.52, 0.42), vec3(0.72, 1.0, 1.45), facing) * (3.0 * day) + 0.02;
+  vec3 ambient = mix(vec3(0.62, 0.52, 0.42), vec3(0.72, 1.0, 1.45), facing) * (2.5 * day) + 0.02;
   vec3 bounce = sun * 0.045 * (1.0 - facing) * vec3(1.0, 0.9, 0.75);
   float crevice = mix(1.0, 0.45 + 0.85 * touch, 0.6 * roughness);
   vec3 light = sun * max(lit, 0.0) * shadow + (ambient + bounce) * open * crevice;
   // whoever goes underground carries a lamp
-  float lamp = (1.0 - open) * max(dot(face, view), 0.0) / (1.0 + far * far * 0.012);
+  float lamp = (1.0 - open) * buried() * max(dot(face, view), 0.0) / (1.0 + far * far * 0.012);
   light += vec3(1.0, 0.8, 0.55) * 1.6 * lamp * crevice;
   colour *= light * 0.31831;
+#ifdef CITY
+  vec3 mirrored = reflect(-view, normal);
+  mirrored.y = abs(mirrored.y) + 0.02;
+  float fresnel = 0.08 + 0.7 * pow(1.0 - max(dot(view, normal), 0.0), 4.0);
+  colour = mix(colour, skyAt(normalize(mirrored)).rgb * (0.25 + 0.75 * open), glass * fresnel);
+#endif
 
 #ifdef PLANET
   vec3 added;
   vec3 through;
   scatter(cameraPosition - airCentre, -view, far, 5, added, through);
-  colour = colour * through + added;
+  float clear = 0.25 + 0.3 * smoothstep(0.1, 0.8, length(cameraPosition - airCentre) / airShape.x - 1.0);
+  colour = colour * mix(through, vec3(1.0), clear) + added * (1.0 - clear);
 #else
   float haze = far / visibility;
-  float through = exp(-0.18 * haze - 3.6 * haze * haze * haze);
+  float through = exp(-0.35 * haze - 3.4 * haze * haze * haze);
   vec3 ahead = -view;
   ahead.y = max(ahead.y, 0.004);
   colour = mix(skyAt(normalize(ahead)).rgb, colour, through);

@@ -23,6 +23,7 @@ import {
 } from "three";
 
 import { airUniforms, type AirUniforms } from "./air.js";
+import { STREETS_PERIOD } from "./city.js";
 import { groundMaterial, type GroundUniforms } from "./ground.js";
 import { rockNoise, soilNoise, textureOf } from "./noise.js";
 import { Openness } from "./openness.js";
@@ -91,15 +92,22 @@ export class Look {
     const ground = groundOf(world.seedOrRecipeName);
     const radius = world.isPlanet && world.radius !== null ? world.radius * world.voxelSize : null;
     this.air = airUniforms(radius, ground.airless);
-    this.sky = new Sky(scene, this.air, this.quality === "high" ? 24 : 10);
     this.shadows = new Shadows(this.quality === "high" ? SHADOW_SIZE : 1);
     this.own = {
       anchorLeft: { value: new Vector3() },
+      streetsLeft: { value: new Vector3() },
       middle: { value: new Vector3() },
       visibility: { value: VISIBILITY_FIRST },
     };
-    const anisotropy = Math.min(4, renderer.capabilities.getMaxAnisotropy());
+    const anisotropy = Math.min(8, renderer.capabilities.getMaxAnisotropy());
     this.textures = { rock: textureOf(rockNoise(1), anisotropy), soil: textureOf(soilNoise(2), anisotropy) };
+    this.sky = new Sky(
+      scene,
+      this.air,
+      this.quality === "high" ? 24 : 10,
+      radius === null && !ground.airless,
+      this.textures.soil,
+    );
     this.shaded = groundMaterial({
       ground,
       radius,
@@ -144,7 +152,7 @@ export class Look {
       return;
     }
     this.placeSun(camera, up);
-    this.sky.update(this.renderer, camera, up);
+    this.sky.update(this.renderer, camera, up, seconds);
     const reach = Math.max(this.survey?.reach ?? VISIBILITY_FIRST, VISIBILITY_LEAST);
     const visibility = this.own.visibility;
     visibility.value += (reach - visibility.value) * (1 - Math.exp(-2 * seconds));
@@ -191,6 +199,7 @@ export class Look {
   private placeWorld(anchor: readonly [number, number, number]): void {
     const { voxelSize, isPlanet, centre } = this.world;
     this.own.anchorLeft.value.set(...remainder(anchor, voxelSize));
+    this.own.streetsLeft.value.set(...remainder(anchor, voxelSize, STREETS_PERIOD * voxelSize));
     const [x, y, z] = anchor.map((voxel, axis) => ((centre?.[axis] ?? 0) - voxel) * voxelSize);
     this.own.middle.value.set(isPlanet ? x! : 0, y!, isPlanet ? z! : 0);
     this.air.airCentre.value.copy(this.own.middle.value);

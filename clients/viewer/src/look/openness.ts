@@ -50,6 +50,12 @@ float around(vec2 at, float level) {
     + textureLod(heights, at + vec2(step.x, -step.y), level).r + textureLod(heights, at + vec2(-step.x, step.y), level).r);
 }
 
+/** How far under the ground the viewer is, from 0 to 1. */
+float buried() {
+  vec3 at = (heightsMatrix * vec4(cameraPosition, 1.0)).xyz;
+  return clamp((textureLod(heights, at.xy, 3.0).r - at.z) / (6.0 * max(heightsTexel, 0.1)), 0.0, 1.0);
+}
+
 float openness(vec3 place, vec3 normal, vec3 up) {
   if (heightsTexel == 0.0) return 1.0;
   vec3 at = (heightsMatrix * vec4(place + normal * heightsTexel, 1.0)).xyz;
@@ -63,6 +69,10 @@ float openness(vec3 place, vec3 normal, vec3 up) {
   return 1.0 - 0.96 * hidden * known;
 }
 #else
+float buried() {
+  return 0.0;
+}
+
 float openness(vec3 place, vec3 normal, vec3 up) {
   return 1.0;
 }

@@ -11,11 +11,14 @@ export interface Ground {
   /** Where it is gently sloped. */
   readonly grass: Colour;
   readonly grassDry: Colour;
-  /** Between grass and rock, and where it is low. */
+  /** Where there is no grass for hundreds of metres. */
+  readonly sand: Colour;
+  /** Between grass and rock. */
   readonly soil: Colour;
+  /** Where it is low. */
+  readonly low: Colour;
   readonly snow: Colour;
-  /** Below it there is soil in place of grass. */
-  readonly soilBelow: number;
+  readonly lowBelow: number;
   /** Above it there is snow. */
   readonly snowAbove: number;
   /** The slope at which grass becomes rock: cosine of the angle to the horizontal. */
@@ -26,23 +29,28 @@ export interface Ground {
   readonly roughness: number;
   /** Whether its air is as thin as that of a moon. */
   readonly airless: boolean;
+  /** Whether it is built: streets and windows. */
+  readonly isCity: boolean;
 }
 
 const NEVER = 1e9;
 
 const MEADOWS: Ground = {
-  rock: srgb(0x8b8378),
-  rockLayer: srgb(0x6d655c),
-  grass: srgb(0x5f7d35),
-  grassDry: srgb(0x98934e),
-  soil: srgb(0x84694a),
+  rock: srgb(0x857d73),
+  rockLayer: srgb(0x615a52),
+  grass: srgb(0x3a5226),
+  grassDry: srgb(0x6c6a40),
+  sand: srgb(0x8f7a55),
+  soil: srgb(0x6a5439),
+  low: srgb(0x77674a),
   snow: srgb(0xf1f4f8),
-  soilBelow: -14,
+  lowBelow: -14,
   snowAbove: 95,
   grassSlope: 0.74,
   layers: 0.5,
   roughness: 1,
   airless: false,
+  isCity: false,
 };
 
 const DESERT: Ground = {
@@ -51,8 +59,10 @@ const DESERT: Ground = {
   rockLayer: srgb(0xd7a173),
   grass: srgb(0xc9955f),
   grassDry: srgb(0xdcb382),
+  sand: srgb(0xd2a573),
   soil: srgb(0xc08a58),
-  soilBelow: -NEVER,
+  low: srgb(0xc9955f),
+  lowBelow: -NEVER,
   snowAbove: NEVER,
   grassSlope: 0.8,
   layers: 1,
@@ -64,8 +74,10 @@ const MOON: Ground = {
   rockLayer: srgb(0x75726f),
   grass: srgb(0x9d9a95),
   grassDry: srgb(0xb0ada8),
+  sand: srgb(0x6f6d6a),
   soil: srgb(0x86837f),
-  soilBelow: -NEVER,
+  low: srgb(0x86837f),
+  lowBelow: -NEVER,
   snowAbove: NEVER,
   grassSlope: 0.6,
   layers: 0.15,
@@ -78,17 +90,20 @@ const CITY: Ground = {
   rockLayer: srgb(0xa59e93),
   grass: srgb(0x9a958d),
   grassDry: srgb(0xaaa49a),
-  soil: srgb(0x4e5054),
-  soilBelow: 1.5,
+  sand: srgb(0x9a958d),
+  soil: srgb(0xa59e93),
+  low: srgb(0x4a4b4e),
+  lowBelow: 1.5,
   snowAbove: NEVER,
   grassSlope: 0.9,
   layers: 0,
-  roughness: 0.35,
+  roughness: 0.16,
+  isCity: true,
 };
 
 const GROUNDS: Readonly<Record<string, Ground>> = {
-  planet: { ...MEADOWS, soilBelow: -9, snowAbove: 15 },
-  islands: { ...MEADOWS, soil: srgb(0xd8c392), soilBelow: 3, snowAbove: 78 },
+  planet: { ...MEADOWS, lowBelow: -9, snowAbove: 15 },
+  islands: { ...MEADOWS, low: srgb(0xcdb988), lowBelow: 3, snowAbove: 78 },
   canyon: DESERT,
   arches: DESERT,
   moon: MOON,

@@ -12,8 +12,9 @@ export const PERIOD = 1024;
 /** What turns and scales a texture: a, b. */
 export type Turn = readonly [number, number];
 
-/** Largest first, none of them parallel to another or to an axis: periods of 205, 41, 10.1 and 2.05 m. */
+/** Largest first: periods of 1024, 205, 41, 10.1 and 2.05 m, none of them parallel to another. */
 export const TURNS: readonly Turn[] = [
+  [0, 1],
   [3, 4],
   [24, 7],
   [20, 99],
@@ -26,16 +27,21 @@ export function periodOf([a, b]: Turn): number {
 }
 
 /**
- * What is left of a point modulo PERIOD, in metres, from 0 to PERIOD. Taken in float64, so that it is right for anchors
+ * What is left of a point modulo a period, in metres, from 0 to the period. Taken in float64, so that it is right for anchors
  * of 2^40 voxels.
  *
  * @param anchor voxels
  * @param voxelSize metres
+ * @param period metres
  */
-export function remainder(anchor: readonly [number, number, number], voxelSize: number): [number, number, number] {
+export function remainder(
+  anchor: readonly [number, number, number],
+  voxelSize: number,
+  period = PERIOD,
+): [number, number, number] {
   const [x, y, z] = anchor.map((voxels) => {
-    const left = (voxels * voxelSize) % PERIOD;
-    return left < 0 ? left + PERIOD : left;
+    const left = (voxels * voxelSize) % period;
+    return left < 0 ? left + period : left;
   });
   return [x!, y!, z!];
 }

@@ -24,6 +24,8 @@ import {
 import { AIR, type AirUniforms } from "./air.js";
 
 const [AZIMUTHS, ELEVATIONS] = [64, 128];
+/** Periods of the clouds' texture a second. */
+const DRIFT = 0.0006;
 
 /** What a shader needs to read the sky. */
 export interface SkyUniforms {
@@ -69,11 +71,15 @@ export class Sky {
   private readonly quadScene = new Scene();
   private readonly quadCamera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
   private readonly eye = { value: new Vector3() };
+  /** How far clouds have gone, in periods of their texture. */
+  private readonly drift = { value: 0 };
 
   constructor(
     private readonly scene: Scene,
     private readonly air: AirUniforms,
     steps: number,
+    isFlat: boolean,
+    noise: Texture,
   ) {
     this.uniforms = {
       sky: { value: this.target.texture },
@@ -97,9 +103,10 @@ export class Sky {
     this.dome = new Mesh(
       new SphereGeometry(1, 48, 32),
       new ShaderMaterial({
-        uniforms: { ...air, ...this.uniforms },
+        uniforms: { ...air, ...this.uniforms, noise: { value: noise }, drift: this.drift },
         vertexShader: DOME_VERTEX,
         fragmentShader: DOME_FRAGMENT,
+        defines: isFlat ? { FLAT: 1 } : {},
         dithering: true,
         side: BackSide,
         depthTest: false,
@@ -121,7 +128,8 @@ export class Sky {
   }
 
   /** Works the sky out anew, for a viewer. */
-  update(renderer: WebGLRenderer, camera: PerspectiveCamera, up: Vector3): void {
+  update(renderer: WebGLRenderer, camera: PerspectiveCamera, up: Vector3, seconds: number): void {
+    this.drift.value = (this.drift.value + Math.min(seconds, 1) * DRIFT) % 1;
     const [ground] = this.air.airShape.value;
     const eye = this.eye.value.copy(camera.position).sub(this.air.airCentre.value);
     const height = Math.max(eye.length(), ground * (1 + 1e-6));
@@ -198,27 +206,59 @@ ${SKY}
 float stars(vec3 direction) {
   vec3 size = abs(direction);
   float most = max(size.x, max(size.y, size.z));
-  vec3 cell = direction / most * 90.0;
+  vec3 cell = direction / most * 70.0;
   vec3 corner = floor(cell + 0.5);
   vec3 random = fract(sin(vec3(
     dot(corner, vec3(12.9898, 78.233, 37.719)),
     dot(corner, vec3(39.346, 11.135, 83.155)),
     dot(corner, vec3(73.156, 52.235, 9.151)))) * 43758.5453);
-  float away = length(normalize(corner + (random - 0.5) * 0.7) - normalize(direction)) * 90.0;
-  float bright = pow(random.x, 12.0) * 2.5 + 0.05 * step(0.6, random.y);
-  return bright * (1.0 - smoothstep(0.03, 0.16, away));
+  float away = length(normalize(corner + (random - 0.5) * 0.7) - normalize(direction)) * 70.0;
+  float bright = random.y > 0.86 ? 0.03 + 0.9 * pow(random.x, 10.0) : 0.0;
+  return bright * (1.0 - smoothstep(0.02, 0.12, away));
 }
+#ifdef FLAT
+uniform sampler2D noise;
+uniform float drift;
+float cloud(vec2 at) {
+  float sum = texture2D(noise, at * 0.11 + drift).a * 0.62;
+  sum += texture2D(noise, mat2(0.6, 0.8, -0.8, 0.6) * at * 0.31 + vec2(2.0, 1.0) * drift).r * 0.26;
+  sum += texture2D(noise, mat2(-0.28, 0.96, -0.96, -0.28) * at * 0.93 + drift).r * 0.12;
+  return sum;
+}
+
+/** A layer of clouds high above; the further away the more of the air is before them. */
+vec3 clouded(vec3 light, vec3 direction) {
+  float above = dot(direction, skyUp);
+  if (above < 0.01) return light;
+  vec2 at = direction.xz / (above + 0.06);
+  float thick = smoothstep(0.52, 0.74, cloud(at));
+  vec2 towards = sunDirection.xz / max(length(sunDirection.xz), 1e-4);
+  float shade = cloud(at + towards * 0.16) - cloud(at - towards * 0.05);
+  float mu = max(dot(direction, sunDirection), 0.0);
+  vec3 sun = sunLight * (0.13 + 0.20 * pow(mu, 6.0));
+  vec3 lit = sun * clamp(0.75 - 2.2 * shade, 0.3, 1.15) + vec3(0.30, 0.42, 0.58) * (1.0 - 0.35 * thick);
+  float share = thick * 0.85 * smoothstep(0.015, 0.22, above);
+  return mix(light, lit, share);
+}
+#endif
 void main() {
   vec3 direction = normalize(ahead);
+#ifdef FLAT
+  vec4 air = skyAt(normalize(direction + skyUp * max(0.004 - dot(direction, skyUp), 0.0)));
+#else
   vec4 air = skyAt(direction);
+#endif
   vec3 light = air.rgb;
-  float dark = clamp(1.0 - dot(light, vec3(0.6)), 0.0, 1.0);
+  float dark = clamp(1.0 - dot(light, vec3(3.0)), 0.0, 1.0);
   light += stars(direction) * air.a * air.a * dark * dark;
   float apart = acos(clamp(dot(direction, sunDirection), -1.0, 1.0));
   float above = asin(clamp(dot(direction, skyUp), -1.0, 1.0)) + skyDip;
   float disc = 1.0 - smoothstep(0.011, 0.0135, apart);
   float glow = 0.012 / (0.002 + apart * apart * 14.0) * exp(-apart * 5.0);
   light += (disc * 3.0 + glow * 0.02) * sunLight * air.a * smoothstep(-0.004, 0.004, above);
+#ifdef FLAT
+  light = clouded(light, direction);
+#endif
   gl_FragColor = vec4(light, 1.0);
   #include <tonemapping_fragment>
   #include <colorspace_fragment>
