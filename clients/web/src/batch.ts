@@ -76,6 +76,7 @@ export class Batch {
       const request = chunkRequest(this.world, chunk, { ...this.options, coarser: chunk.coarser });
       const entry = cache.find(request);
       if (entry !== null && cache.isFresh(entry)) {
+        this.exchange.traffic.cached += 1;
         yield await meshOf(entry.answer, placeIn(this.world, chunk), chunk.coarser);
       } else {
         this.missing.set(chunkName(chunk), { chunk, request, entry });
@@ -152,6 +153,7 @@ export class Batch {
       return null;
     }
     const answer = frame.status === 304 ? confirmed(frame, entry) : this.answer(frame);
+    this.exchange.traffic.cached += frame.status === 304 ? 1 : 0;
     const mesh = await meshOf(answer, placeIn(this.world, chunk), chunk.coarser);
     this.exchange.cache.keep(request, answer);
     return mesh;

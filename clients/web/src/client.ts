@@ -27,7 +27,7 @@ import {
   type WrittenEdit,
 } from "./edits.js";
 import { BadAnswer, Unavailable, Unreachable } from "./errors.js";
-import { Exchange, checked, jsonOf } from "./exchange.js";
+import { Exchange, checked, jsonOf, type Traffic } from "./exchange.js";
 import type { Json } from "./json.js";
 import { chunkName, squaredDistance, type ChunkKey, type ChunkMesh, type FittedChunk } from "./mesh.js";
 import {
@@ -150,7 +150,7 @@ export class Client {
     throw new BadAnswer(`the list of worlds has more than ${PAGES_MAX} pages`);
   }
 
-  /** Creates a world. If the same one is there already, nothing changes. @throws {Conflict} if another one has the id */
+  /** Creates a world; the same one once more changes nothing. @throws {Conflict} if another one has the id */
   createWorld(
     id: string,
     seed: number | bigint,
@@ -306,6 +306,11 @@ export class Client {
     const attemptsMax = seconds ? Infinity : 1;
     const patience = retryOf({ attemptsMax, secondsMax, backoffSecondsMax: READY_POLL_SECONDS_MAX });
     await this.exchange.ask(got(["readyz"]), (answer) => void checked(answer, 200), signal, patience);
+  }
+
+  /** What it has asked and got since it was made. */
+  async traffic(): Promise<Traffic> {
+    return { ...this.exchange.traffic };
   }
 
   /** Forgets the chunks that are older than what may have changed them. stale: which; null is all. */

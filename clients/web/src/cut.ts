@@ -7,7 +7,7 @@
 
 import { kept, type Rung } from "./ladder.js";
 import { Marks, flagsOf, half, isInside, markParents, squaredGaps, type Box, type Frame } from "./marks.js";
-import type { FittedChunk, Triple } from "./mesh.js";
+import { chunkName, type FittedChunk, type Triple } from "./mesh.js";
 
 /** Chunks around those that are near: two that the balance may split, and the ring around these. */
 const MARGIN = 3;
@@ -32,7 +32,8 @@ interface Level {
 /** The leaves of a level, and the marks that they follow from. */
 interface Layer {
   readonly from: readonly (Marks | undefined)[];
-  readonly leaves: readonly FittedChunk[];
+  /** By their `chunkName`: made once, for names take longer than all else. */
+  readonly leaves: readonly (readonly [name: string, chunk: FittedChunk])[];
 }
 
 /** What one viewer is shown. */
@@ -189,11 +190,12 @@ export class Octree {
       return before;
     }
     const side = this.sides[lod]!;
-    const leaves: FittedChunk[] = [];
+    const leaves: [string, FittedChunk][] = [];
+    const add = (chunk: FittedChunk) => void leaves.push([chunkName(chunk), chunk]);
     if (above === undefined) {
       roots.forEach((x, y, z) => {
         if (!here.has(x, y, z)) {
-          leaves.push({ lod, x, y, z, coarser: 0 });
+          add({ lod, x, y, z, coarser: 0 });
         }
       });
       return { from, leaves };
@@ -220,7 +222,7 @@ export class Octree {
         const [a, b, c] = [child >> 2, (child >> 1) & 1, child & 1];
         const [x, y, z] = [2 * px + a, 2 * py + b, 2 * pz + c];
         if (!here.has(x, y, z) && isInside(this.box, side, x, y, z)) {
-          leaves.push({ lod, x, y, z, coarser: bits[a]! | bits[2 + b]! | bits[4 + c]! });
+          add({ lod, x, y, z, coarser: bits[a]! | bits[2 + b]! | bits[4 + c]! });
         }
       }
     });

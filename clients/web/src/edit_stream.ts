@@ -8,21 +8,14 @@ import { VOXELS_MAX, type ChunkKey } from "./mesh.js";
 import { pause, retryOf, type Retry } from "./retry.js";
 import type { Refresh } from "./stream/chunks.js";
 import { Inbox, type StreamEvent } from "./stream/inbox.js";
-import { bytesOf, type Ack } from "./stream/messages.js";
+import { bytesOf, type Ack, type WireFrame } from "./stream/messages.js";
 import type { Region } from "./stream/regions.js";
 import { Session, type SessionEvent } from "./stream/session.js";
+import { LEFT, OPEN_SECONDS, carry, type Carried } from "./stream/socket.js";
 
-const SUBPROTOCOL = "chunkserver.v1";
 const EVERYWHERE: Region = { low: [-VOXELS_MAX, -VOXELS_MAX, -VOXELS_MAX], high: [VOXELS_MAX, VOXELS_MAX, VOXELS_MAX] };
-/** For a ticket, and then for a socket. */
-const OPEN_SECONDS = 5;
 /** To find out why a socket could not be opened. */
 const WHY_SECONDS = 1;
-/** How often somebody looks whether a connection has fallen silent. */
-const WATCH_SECONDS = 0.25;
-const LEFT = 1000;
-/** A close event's code where there was no closing frame. */
-const NO_CODES: readonly number[] = [1005, 1006];
 /** And the HTTP status: the code of a connection that the server did not take. */
 const REFUSED = 4000;
 const NAME = /^[!-~]{1,128}$/;
@@ -59,7 +52,8 @@ export class EditStream {
   private readonly inbox = new Inbox();
   private readonly waiting = new Map<number, Waiting>();
   private readonly left = new AbortController();
-  private socket: WebSocket | null = null;
+  /** While there is a connection. */
+  private send: ((frame: WireFrame) => void) | null = null;
   private ended: number | null = null;
   private failure: unknown = null;
   private wake: (() => void)[] = [];
@@ -152,8 +146,8 @@ export class EditStream {
   /**
    * Sends an edit, over this connection or a later one, until it is answered; it is written once.
    *
-   * What is returned gives the `Ack` as soon as the edit is durable; it rejects with the `Problem` for which the edit was
-   * refused, or `EditLost`. Who does not look need not.
+   * What is returned gives the `Ack` as soon as the edit is durable; it rejects with the `Problem` for which the edit
+   * was refused, or `EditLost`. Who does not look need not.
    *
    * @throws {RangeError} for what is too long for a frame, and if 1,024 edits or 16 MiB wait for their answers;
    *     `StreamEnded`
@@ -277,12 +271,15 @@ export class EditStream {
       const query = ticket === null ? "" : `?ticket=${encodeURIComponent(ticket)}`;
       const url = new URL(`${this.client.url}${pathOf(this.world)}/stream${query}`);
       url.protocol = url.protocol.replace("http", "ws");
-      const { code, isOpened } = await this.carried(url);
+      this.left.signal.throwIfAborted();
+      const { code, isOpened } = await carry(url, this.carried(), this.left.signal);
+      this.send = null;
       if (isOpened) {
         this.failure = null;
         return code;
       }
-      await this.client.world(this.world.id, within(WHY_SECONDS)); // a browser does not say why it was refused: this may
+      // A browser does not say why it was refused: this may.
+      await this.client.world(this.world.id, within(WHY_SECONDS));
       return null;
     } catch (error) {
       this.failure = error;
@@ -290,54 +287,29 @@ export class EditStream {
     }
   }
 
-  /** Carries messages both ways, until the socket is closed or of no use any more. */
-  private carried(url: URL): Promise<{ code: number | null; isOpened: boolean }> {
-    this.left.signal.throwIfAborted();
-    const socket = new WebSocket(url, SUBPROTOCOL);
-    socket.binaryType = "arraybuffer";
-    this.socket = socket;
-    return new Promise((resolve) => {
-      let isOpened = false;
-      const opening = setTimeout(() => over(null), 1000 * OPEN_SECONDS);
-      const watching = setInterval(() => this.session.isBroken && over(null), 1000 * WATCH_SECONDS);
-      const leave = () => over(LEFT);
-      const over = (code: number | null) => {
-        clearTimeout(opening);
-        clearInterval(watching);
-        this.left.signal.removeEventListener("abort", leave);
-        this.socket = null;
-        socket.onopen = socket.onmessage = socket.onclose = socket.onerror = null;
-        socket.onopen = () => socket.close(LEFT); // if it comes after all
-        if (socket.readyState === WebSocket.OPEN) {
-          socket.close(LEFT);
-        }
-        resolve({ code, isOpened });
-      };
-      this.left.signal.addEventListener("abort", leave);
-      socket.onopen = () => {
-        isOpened = true;
-        clearTimeout(opening);
-        this.session.connected();
+  /** What the socket is told, and what it tells. */
+  private carried(): Carried {
+    const { session } = this;
+    return {
+      get isBroken() {
+        return session.isBroken;
+      },
+      opened: (send) => {
+        this.send = send;
+        session.connected();
         this.flush();
-      };
-      socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
-        this.note(this.session.received(data), typeof data === "string" ? bytesOf(data) : data.byteLength);
+      },
+      received: (frame) => {
+        this.note(session.received(frame), typeof frame === "string" ? bytesOf(frame) : frame.byteLength);
         this.flush();
-        if (this.session.isBroken) {
-          over(null);
-        }
-      };
-      socket.onerror = () => isOpened || over(null); // one that is open is closed next, with a code
-      socket.onclose = ({ code }) => over(NO_CODES.includes(code) ? null : code);
-    });
+      },
+    };
   }
 
   /** Sends what there is to send. */
   private flush(): void {
-    if (this.socket?.readyState === WebSocket.OPEN) {
-      for (const frame of this.session.outgoing()) {
-        this.socket.send(frame);
-      }
+    if (this.send !== null) {
+      this.session.outgoing().forEach(this.send);
     }
   }
 

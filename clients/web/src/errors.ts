@@ -52,8 +52,8 @@ const ENDS: Readonly<Record<number, string>> = {
 /** A stream of edits is over, and another connection would end in the same way. */
 export class StreamEnded extends ClientError {
   /**
-   * @param code as docs/wire/edit_v1.md has it; 4000 + the status if the server did not take the connection at all: then
-   *     `cause` is the `Problem`
+   * @param code as docs/wire/edit_v1.md has it; 4000 + the status if the server did not take the connection at all:
+   *     then `cause` is the `Problem`
    */
   constructor(
     readonly code: number,

@@ -31,8 +31,19 @@ export interface Head {
   read(): Promise<Uint8Array | null>;
 }
 
+/** What a client has asked and got. */
+export interface Traffic {
+  readonly requests: number;
+  /** Of bodies: chunks of a batch with their coding, all else as the browser hands it over, without. */
+  readonly bytes: number;
+  /** Answers and chunks that were used as the cache had them, those that a 304 has confirmed included. */
+  readonly cached: number;
+}
+
 /** How this client asks. */
 export class Exchange {
+  readonly traffic = { requests: 0, bytes: 0, cached: 0 };
+
   /**
    * @param url of the server, without a slash at the end
    * @param headers of every request
@@ -65,6 +76,7 @@ export class Exchange {
     for (;;) {
       const entry = request.cached ? this.cache.find(request) : null;
       if (entry !== null && this.cache.isFresh(entry)) {
+        this.traffic.cached += 1;
         return await parse(entry.answer);
       }
       try {
@@ -95,6 +107,7 @@ export class Exchange {
         clearTimeout(timer);
       }
     };
+    this.traffic.requests += 1;
     const response = await within(
       this.fetch(this.url + request.url, {
         method: request.method,
@@ -104,7 +117,11 @@ export class Exchange {
       }),
     );
     const reader = response.body?.getReader();
-    const read = async () => (reader === undefined ? null : ((await within(reader.read())).value ?? null));
+    const read = async () => {
+      const piece = reader === undefined ? undefined : (await within(reader.read())).value;
+      this.traffic.bytes += piece?.length ?? 0;
+      return piece ?? null;
+    };
     return { status: response.status, headers: response.headers, read };
   }
 
@@ -128,7 +145,11 @@ export class Exchange {
   /** The answer of the server, or what the cache has if the server says that it is still right. */
   private async answer(request: Request, entry: Entry | null, trial: Trial, signal?: AbortSignal): Promise<Answer> {
     const answer = await this.rest(await this.open(request, trial, signal, entry?.tag), trial);
-    return entry === null || answer.status !== 304 ? answer : confirmed(entry, answer);
+    if (entry === null || answer.status !== 304) {
+      return answer;
+    }
+    this.traffic.cached += 1;
+    return confirmed(entry, answer);
   }
 
   private pauseAfter(error: unknown, request: Request, trial: Trial, signal?: AbortSignal): number {

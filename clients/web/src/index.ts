@@ -36,6 +36,7 @@ export {
   Unavailable,
   Unreachable,
 } from "./errors.js";
+export type { Traffic } from "./exchange.js";
 export { LevelOfDetail, type ChunkSet, type Selection, type ViewOptions } from "./levels.js";
 export type { Box } from "./marks.js";
 export {

@@ -11,7 +11,7 @@ import { Octree, type Cut, type Viewer } from "./cut.js";
 import type { Descriptor } from "./descriptors.js";
 import { WIDTHS_MAX, roomy, rungs, type Rung } from "./ladder.js";
 import type { Box } from "./marks.js";
-import { chunkName, type FittedChunk, type Triple } from "./mesh.js";
+import type { FittedChunk, Triple } from "./mesh.js";
 
 /** How far a surface may be off, in cells, where the descriptor does not say. */
 const ERROR_OF_A_CELL = 0.25;
@@ -45,8 +45,8 @@ export interface ViewOptions {
   /** How much of the viewer's way is looked ahead; 1. */
   readonly aheadSeconds?: number;
   /**
-   * Chunks of the last level are shown if they are nearer, in voxels. By default the width of one, and at least 8 chunks
-   * of LOD 0; at most 16 of the last level.
+   * Chunks of the last level are shown if they are nearer, in voxels. By default the width of one, and at least 8
+   * chunks of LOD 0; at most 16 of the last level.
    */
   readonly reach?: number;
   /** Where there is anything, in voxels. Chunks that have none of it in them are left out. */
@@ -134,13 +134,7 @@ export class LevelOfDetail {
 }
 
 function chunksOf({ layers }: Cut): ChunkSet {
-  const found = new Map<string, FittedChunk>();
-  for (const { leaves } of layers) {
-    for (const leaf of leaves) {
-      found.set(chunkName(leaf), leaf);
-    }
-  }
-  return found;
+  return new Map(layers.flatMap(({ leaves }) => leaves));
 }
 
 function voxels(name: string, point: Triple): Triple {

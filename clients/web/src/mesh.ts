@@ -162,8 +162,8 @@ export function latticePositions(mesh: ChunkMesh): Float64Array {
 /**
  * x, y, z of each vertex, metres from an integer point in voxels that the caller chooses.
  *
- * The difference is taken in integers; times the voxel size it is rounded once, or not at all if that is a power of two.
- * So vertices that are equal stay equal, and for an origin nearby the numbers are small enough for float32.
+ * The difference is taken in integers; times the voxel size it is rounded once, or not at all if that is a power of
+ * two. So vertices that are equal stay equal, and for an origin nearby the numbers are small enough for float32.
  *
  * @throws {RangeError} if `origin` lies outside the world.
  */

@@ -8,14 +8,14 @@
  *     group.add(new ChunkObject(mesh, material));
  *     camera.position.copy(group.positionOf(viewer));
  *
- * **Why borders do not sparkle.** A vertex stays the integer that it is on the wire. The shader adds its chunk's corner,
- * an integer too, counted from one anchor for all chunks:
+ * **Why borders do not sparkle.** A vertex stays the integer that it is on the wire. The shader adds its chunk's
+ * corner, an integer too, counted from one anchor for all chunks:
  *
  *     place = corner + position * 2^lod          lattice units of LOD 0 from the anchor
  *
  * Both terms are exact in float32 and their sum is rounded once, so vertices of two chunks that are the same point get
- * the same bits, and all chunks share one matrix from there on. A matrix for each chunk would round each chunk's own way:
- * then pixels of the background show through along seams.
+ * the same bits, and all chunks share one matrix from there on. A matrix for each chunk would round each chunk's own
+ * way: then pixels of the background show through along seams.
  *
  * Corners are exact as long as chunks lie within 2^23 chunks of LOD 0 of the anchor, more than any view reaches.
  */

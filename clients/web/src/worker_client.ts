@@ -117,6 +117,10 @@ export class WorkerClient implements ChunkClient {
     return this.ask("waitUntilReady", [seconds], options);
   }
 
+  traffic() {
+    return this.ask("traffic", []);
+  }
+
   outdate(world: WorldDescriptor, stale: readonly ChunkRange[] | null, revision: bigint): void {
     void this.ask("outdate", [world, stale, revision]);
   }

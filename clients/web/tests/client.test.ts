@@ -101,11 +101,12 @@ test("what is immutable is not asked for again, alone or in a batch", async () =
   await all(client.chunks(world, [KEYS[2]!]));
   assert.equal(asked.length, 2);
   assert.equal(digest(again), digest(first!));
+  assert.equal((await client.traffic()).cached, 2);
   assert.notEqual(again.positions.buffer, first!.positions.buffer);
 });
 
 test("what may change is asked for with its tag: 304", async () => {
-  const { client, asked } = counting();
+  const { client, asked } = counting({ coding: "gzip" }); // as fetch of Node.js asks: each coding has its own tag
   await client.createWorld("tagged", 42, "planet", { lods: 5 });
   const world = await client.world("tagged");
   const key = KEYS[3]!;
@@ -124,6 +125,9 @@ test("what may change is asked for with its tag: 304", async () => {
   assert.match(tag, /^"[0-9a-f]{32}"$/);
   assert.match(head.etag, /^[0-9a-f]{32}$/);
   assert.deepEqual(JSON.parse(batch!.init.body as string).known, [tag.slice(1, -1)]);
+  const { requests, bytes, cached } = await client.traffic();
+  assert.deepEqual([requests, cached], [6, 2]);
+  assert.ok(bytes > first.positions.byteLength && bytes < 4 * first.positions.buffer.byteLength, String(bytes));
   await client.deleteWorld("tagged");
 });
 

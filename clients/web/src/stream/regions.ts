@@ -5,7 +5,8 @@ import { LOD_MAX, VOXELS_MAX, type ChunkKey, type Triple } from "../mesh.js";
 /**
  * A box of voxels from `low` to `high`, both included: x, y, z.
  *
- * Edits that may change a chunk of level `lod` (20 if left out), or of a finer one, that meets the box are in the region.
+ * Edits that may change a chunk of level `lod` (20 if left out), or of a finer one, that meets the box are in the
+ * region.
  */
 export interface Region {
   readonly low: Triple;

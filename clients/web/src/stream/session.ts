@@ -119,7 +119,7 @@ export class Session {
   /**
    * Has an edit sent, and sent again until it is answered; returns its seq, which the answer has.
    *
-   * @throws {RangeError} before the first welcome, after the end, for what is too long for a frame, and if too many wait
+   * @throws {RangeError} before the first welcome, after the end, for what is too long for a frame, if too many wait
    */
   edit(strokes: readonly Stroke[]): number {
     if (this.epoch === null || this.state === "ended") {
