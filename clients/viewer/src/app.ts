@@ -1,6 +1,16 @@
 /** The page: one world after another on one canvas, and what people do with it. */
 
-import { ClientError, Gone, NotFound, Unavailable, Unreachable, type Stroke, type Triple } from "chunkserver-client";
+import {
+  ClientError,
+  Gone,
+  NotAllowed,
+  NotFound,
+  StreamEnded,
+  Unavailable,
+  Unreachable,
+  type Stroke,
+  type Triple,
+} from "chunkserver-client";
 import { WebGLRenderer } from "three";
 
 import { Chooser } from "./chooser.js";
@@ -8,7 +18,7 @@ import { element } from "./element.js";
 import { Figures, bytesAsText } from "./figures.js";
 import { Input } from "./input.js";
 import { readLink, writeLink, type Link } from "./link.js";
-import type { View } from "./look_plain.js";
+import type { View } from "./look/index.js";
 import { Notice } from "./notice.js";
 import { Session } from "./session.js";
 import { startOf, type Start } from "./starts.js";
@@ -23,6 +33,8 @@ const PIXEL_RATIO_MAX = 1.5;
 const FIGURES_MS = 250;
 const LINK_MS = 700;
 const AWAY_MS = 700;
+/** Ends of a stream that another one would have too: somebody has no key that is good for it. */
+const KEEPS_OUT = new Set([4401, 4403]);
 
 export class App {
   session: Session | null = null;
@@ -44,6 +56,8 @@ export class App {
   private linkedAt = -Infinity;
   private before = performance.now();
   private isStriking = false;
+  /** What is done when the server is back. */
+  private again = () => {};
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -292,28 +306,45 @@ export class App {
 
   /** Says what is wrong; where the server is away, waits until it is back. again: what then is to be done */
   private failed(error: unknown, again: () => void = () => this.resume()): void {
+    const isGone = error instanceof StreamEnded && !KEEPS_OUT.has(error.code);
     if (error instanceof Unreachable || error instanceof Unavailable || error instanceof TypeError) {
-      if (!this.isAway) {
-        this.isAway = true;
-        this.notice.hold("The server is away. This page goes on when it is back.");
-        void this.wait(again);
-      }
-    } else if (error instanceof Gone || (error instanceof NotFound && this.session !== null)) {
-      const place = this.session?.pose;
-      const position = place?.position ?? null;
-      void this.show({ source: this.source, position, ahead: place?.ahead ?? null, isWalking: false });
+      void this.wait(error, again);
+    } else if (isGone || error instanceof Gone || (error instanceof NotFound && this.session !== null)) {
+      const { pose, motion } = this.session!;
+      const [source, isWalking] = [this.source, motion.isWalking];
+      this.session!.terrain.stop();
+      void this.show({ source, position: pose.position, ahead: pose.ahead, isWalking });
+    } else if (error instanceof NotAllowed || error instanceof StreamEnded) {
+      this.notice.say(error instanceof NotAllowed ? error.detail : error.message);
     } else {
       this.notice.hold(error instanceof ClientError ? error.message : `Something went wrong: ${String(error)}`);
     }
   }
 
-  private async wait(again: () => void): Promise<void> {
-    while (!(await this.client.isReady().catch(() => false))) {
+  private async wait(error: unknown, again: () => void): Promise<void> {
+    this.again = again;
+    if (this.isAway) {
+      return;
+    }
+    this.isAway = true;
+    for (let why = error; why !== null; why = await this.whyNotReady()) {
+      const isStarting = why instanceof Unavailable;
+      this.notice.hold(
+        isStarting ? "The server is starting." : "The server is away. This page goes on when it is back.",
+      );
       await new Promise((resolve) => setTimeout(resolve, AWAY_MS));
     }
     this.isAway = false;
     this.notice.hold(null);
-    again();
+    this.again();
+  }
+
+  /** What is wrong with the server; null if it can build chunks. */
+  private whyNotReady(): Promise<unknown> {
+    return this.client.waitUntilReady(0).then(
+      () => null,
+      (error: unknown) => error,
+    );
   }
 
   private resume(): void {

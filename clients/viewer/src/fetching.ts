@@ -59,7 +59,7 @@ export class Fetching {
     for (const batch of this.batches) {
       const wanted = [...batch.left.keys()].filter((name) => names.has(name));
       if (wanted.length < WANTED_LEAST * batch.left.size) {
-        this.drop(batch);
+        this.end(batch);
       } else {
         wanted.forEach((name) => names.delete(name));
       }
@@ -71,10 +71,17 @@ export class Fetching {
   /** Ends all batches. */
   stop(): void {
     this.queue = [];
-    [...this.batches].forEach((batch) => this.drop(batch));
+    [...this.batches].forEach((batch) => this.end(batch));
   }
 
-  private drop(batch: Batch): void {
+  /** Ends the batches in which there is such a chunk: it would come as it was. Returns whether there were any. */
+  drop(isOld: (chunk: FittedChunk) => boolean): boolean {
+    const old = [...this.batches].filter(({ left }) => [...left.values()].some(isOld));
+    old.forEach((batch) => this.end(batch));
+    return old.length > 0;
+  }
+
+  private end(batch: Batch): void {
     this.batches.delete(batch);
     batch.cancel.abort();
     this.rest();

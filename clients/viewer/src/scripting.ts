@@ -9,7 +9,7 @@
 import type { Triple } from "chunkserver-client";
 
 import type { App } from "./app.js";
-import type { View } from "./look_plain.js";
+import type { View } from "./look/index.js";
 
 /** All of it is of this moment. */
 export interface Counters {

@@ -1,12 +1,12 @@
 /** One world on the screen, from its first chunk to its last: what is drawn, the viewer in it, its edits. */
 
-import { type AnyWorld, type ChunkClient, type Stroke, type Triple } from "chunkserver-client";
+import { type AnyWorld, type Stroke, type Triple, type WorkerClient } from "chunkserver-client";
 import { ChunkGroup, ChunkObject } from "chunkserver-client/three";
 import { PerspectiveCamera, Scene, Vector3, type Vector3Tuple, type WebGLRenderer } from "three";
 
 import { Following } from "./following.js";
 import { Ground, type Hit } from "./ground.js";
-import { Look, type View } from "./look_plain.js";
+import { Look, type View } from "./look/index.js";
 import { Motion, type Wish } from "./motion.js";
 import { Pose } from "./pose.js";
 import { shapeOf } from "./shape.js";
@@ -17,7 +17,9 @@ import { extentOf } from "./world.js";
 
 export const FOV_DEGREES = 60;
 /** How far the surface may seem to be off, in pixels. */
-const ERROR_PIXELS = 3;
+const ERROR_PIXELS = 8;
+/** More would take long to come, and to draw. */
+const CHUNKS_MAX = 4096;
 /** Voxels from the viewer to the anchor. */
 const ANCHOR_AWAY_MAX = 2048;
 const NEAR_MIN = 0.08;
@@ -41,12 +43,11 @@ export class Session {
   private readonly look: Look;
   private readonly objects = new Map<string, ChunkObject>();
   private readonly far: number;
-  private seconds = 0;
 
   /** failed: told when the server cannot be reached, or the world is not what it was. */
   constructor(
     renderer: WebGLRenderer,
-    client: ChunkClient,
+    client: WorkerClient,
     world: AnyWorld,
     start: (name: string, shape: ReturnType<typeof shapeOf>) => Start,
     screenPixels: number,
@@ -71,7 +72,13 @@ export class Session {
     });
     const { lods, ...view } = extent;
     const shown = { ...world, lods, geometricErrors: world.geometricErrors?.slice(0, lods) ?? null };
-    const options = { ...view, errorPixels: ERROR_PIXELS, fovDegrees: FOV_DEGREES, screenPixels };
+    const options = {
+      ...view,
+      errorPixels: ERROR_PIXELS,
+      chunksMax: CHUNKS_MAX,
+      fovDegrees: FOV_DEGREES,
+      screenPixels,
+    };
     const canvas = {
       draw: this.draw.bind(this),
       remove: this.remove.bind(this),
@@ -107,9 +114,9 @@ export class Session {
 
   /** One frame. elapsed: seconds since the one before */
   frame(wish: Wish, elapsed: number): void {
-    this.seconds += elapsed;
     this.motion.move(wish, elapsed, this.terrain.covers(this.pose.position));
     const { position, ahead, up } = this.pose;
+    this.following.update();
     this.terrain.update(position, this.motion.voxelsPerSecond);
     if (lengthOf(minus(position, this.group.anchor)) > ANCHOR_AWAY_MAX) {
       this.group.moveAnchor(position);
@@ -123,7 +130,7 @@ export class Session {
     camera.far = Math.max(this.far, 4 * camera.near);
     camera.updateProjectionMatrix();
     camera.updateMatrixWorld();
-    this.look.update(camera, [...this.group.anchor], camera.up, this.seconds);
+    this.look.update(camera, [...this.group.anchor], camera.up, elapsed);
     this.look.render(camera);
   }
 

@@ -9,10 +9,10 @@ import {
   LevelOfDetail,
   chunkName,
   isStale,
-  keyName,
   swaps,
   type AnyWorld,
   type ChunkClient,
+  type ChunkKey,
   type ChunkMesh,
   type ChunkRange,
   type ChunkSet,
@@ -28,8 +28,6 @@ import { Fetching } from "./fetching.js";
 const STAGES: readonly number[] = [16, 4, 1];
 /** Milliseconds between two looks at what is to be shown, while chunks are on their way. */
 const SELECT_MS = 120;
-/** Chunks whose newest edit is remembered. */
-const NEEDED_MAX = 100_000;
 
 /** Where chunks are drawn. Those without triangles are not among them. */
 export interface Canvas {
@@ -52,8 +50,6 @@ export class Terrain {
   private drawn = new Map<string, FittedChunk>();
   /** Names of those that an edit has outdated. */
   private readonly stale = new Set<string>();
-  /** By key, the revision that it must have. */
-  private readonly needed = new Map<string, bigint>();
   /** Came, and are not drawn yet. */
   private readonly ready = new Map<string, ChunkMesh>();
   private steps: Step[] = [];
@@ -157,33 +153,22 @@ export class Terrain {
     this.fetching.setWorld(world);
   }
 
-  /** Some chunks have changed. stale: null is all of them */
-  outdate(stale: readonly ChunkRange[] | null, revision: bigint): void {
-    const known = [...this.drawn.values(), ...this.steps.flatMap((step) => [...step.fresh.values()])];
-    for (const chunk of known) {
-      if (stale === null || isStale(chunk, stale)) {
-        const key = keyName(chunk);
-        if ((this.needed.get(key) ?? 0n) < revision) {
-          this.needed.delete(key); // the newest are the last ones
-          this.needed.set(key, revision);
-        }
-        const name = chunkName(chunk);
-        if (this.drawn.has(name)) {
-          this.stale.add(name);
-        }
-        if (this.isOld(this.ready.get(name))) {
-          this.ready.delete(name);
-        }
+  /** Some chunks have changed: they are fetched anew, and what was fetched is not drawn. stale: null is all of them */
+  outdate(stale: readonly ChunkRange[] | null): void {
+    const isOld = (chunk: ChunkKey) => stale === null || isStale(chunk, stale);
+    for (const [name, chunk] of this.drawn) {
+      if (isOld(chunk)) {
+        this.stale.add(name);
+        this.isChanged = true;
       }
     }
-    for (const key of this.needed.keys()) {
-      if (this.needed.size <= NEEDED_MAX) {
-        break;
+    for (const [name, { key }] of this.ready) {
+      if (isOld(key)) {
+        this.ready.delete(name);
+        this.isChanged = true;
       }
-      this.needed.delete(key);
     }
-    this.fetching.stop(); // what is on its way may be from before
-    this.isChanged = true;
+    this.isChanged = this.fetching.drop(isOld) || this.isChanged;
   }
 
   /** Goes on after a failure. */
@@ -192,9 +177,14 @@ export class Terrain {
     this.isChanged = true;
   }
 
-  dispose(): void {
+  /** Fetches nothing more; what is drawn stays. */
+  stop(): void {
     this.fetching.stop();
     this.isStopped = true;
+  }
+
+  dispose(): void {
+    this.stop();
     for (const name of this.drawn.keys()) {
       this.canvas.remove(name);
     }
@@ -277,16 +267,8 @@ export class Terrain {
     if (step === undefined || this.ready.has(name) || this.isStopped) {
       return;
     }
-    if (this.isOld(mesh)) {
-      this.isChanged = true; // is asked for again
-      return;
-    }
     this.ready.set(name, mesh);
     step.missing -= 1;
-  }
-
-  private isOld(mesh: ChunkMesh | undefined): boolean {
-    return mesh !== undefined && mesh.revision < (this.needed.get(keyName(mesh.key)) ?? 0n);
   }
 }
 
