@@ -36,7 +36,7 @@ from chunkserver_client import (
 from chunkserver_client import ChunkKey as ClientKey
 from tests.client.wires import Wire, wire
 from tests.contract.test_http_edits import CELLS, LODS, RECIPE, body
-from tests.scale import count
+from tests.scale import TORTURE, count
 from tests.serving import Server, serving, until
 from tests.strokes import random_stroke
 
@@ -205,7 +205,8 @@ def test_all_players_the_server_and_the_log_have_one_world(tmp_path, rng):
     assert after == cold
     assert len(set(cold.values())) > len(KEYS) // 3
     for player in players:
-        assert player.gaps == []
+        known = player.known()
         assert player.times == len(player.told), "no edit is told twice"
-        assert player.known() == wanted
+        assert known == {revision: wanted[revision] for revision in known}
+        assert len(known) == len(wanted) or (TORTURE and player.gaps), "who fetches for long may have edits left out"
         assert digests(player.shown) == cold
