@@ -99,7 +99,7 @@ class Player:
         return (
             self.session.is_live
             and not self.session.unanswered
-            and self.session.revision == self._server.log.revision
+            and (self.session.epoch, self.session.revision) == (self._server.log.epoch, self._server.log.revision)
             and self.session.are_regions_in_force
             and self.session.chunks.are_current
         )
