@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from chunkserver_client import ChunkRange, FittedChunk, LevelOfDetail, Selection, redraws, swaps
+from chunkserver_client.ladder import rungs
 from tests.client.worlds import VOXELS_MAX, world
 
 FRAMES: Final = 6
@@ -62,8 +63,19 @@ def _journey(rng: np.random.Generator) -> dict[str, Any]:
         "chunksMax": chunks_max,
         "box": {"low": low, "high": high},
     }
+    sharpness = float(rng.uniform(1, 300))
+    steps_down = rungs(cells, errors or [0.25 * 2.0**lod for lod in range(lods)], sharpness, reach)
+    ladder = {"sharpness": sharpness, "rungs": [[rung.reach, rung.split] for rung in steps_down]}
     ranges = {"lod": stale.lod, "low": stale.low, "high": stale.high}
-    return {"lods": lods, "cells": cells, "errors": errors, "view": view, "frames": frames, "stale": ranges}
+    return {
+        "lods": lods,
+        "cells": cells,
+        "errors": errors,
+        "view": view,
+        "frames": frames,
+        "stale": ranges,
+        "ladder": ladder,
+    }
 
 
 def _rows(chunks: Iterable[FittedChunk]) -> list[list[int]]:

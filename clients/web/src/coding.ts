@@ -31,9 +31,8 @@ export async function decoded(
         return await unzipped(body, bytesMax);
       case "zstd": {
         const content = new Uint8Array(zstdContentBytes(body, bytesMax));
-        if (decompress(body, content).length !== content.length) {
-          throw new BadAnswer("zstd: cut");
-        }
+        // fzstd does not say when there is less than a frame states: then zeros follow, which the format's checks see.
+        decompress(body, content);
         return content;
       }
     }

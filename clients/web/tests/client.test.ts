@@ -100,8 +100,11 @@ test("what is immutable is not asked for again, alone or in a batch", async () =
   const again = await client.chunk(world, KEYS[2]!);
   await all(client.chunks(world, [KEYS[2]!]));
   assert.equal(asked.length, 2);
+  const twice = [await client.chunk(world, KEYS[3]!), await client.chunk(world, KEYS[3]!)];
+  assert.equal(asked.length, 3);
+  assert.notEqual(twice[0]!.positions.buffer, twice[1]!.positions.buffer, "what is kept is nobody's to change");
   assert.equal(digest(again), digest(first!));
-  assert.equal((await client.traffic()).cached, 2);
+  assert.equal((await client.traffic()).cached, 3);
   assert.notEqual(again.positions.buffer, first!.positions.buffer);
 });
 
@@ -133,13 +136,17 @@ test("what may change is asked for with its tag: 304", async () => {
 
 test("a 304 for another tag is not believed", async () => {
   const other = () => new Response(null, { status: 304, headers: { etag: '"0"' } });
-  const { client } = counting({ retry: { attemptsMax: 2, backoffSeconds: 0 } }, (_, init) =>
+  const { client, asked } = counting({ retry: { attemptsMax: 2, backoffSeconds: 0 } }, (_, init) =>
     (init.headers as Record<string, string>)["if-none-match"] === undefined ? null : Promise.resolve(other()),
   );
   await client.createWorld("doubted", 42, "planet", { lods: 5 });
   const world = await client.world("doubted");
   await client.chunk(world, KEYS[3]!);
   assert.equal((await client.chunk(world, KEYS[3]!)).content, "surface"); // the second attempt is without a tag
+  assert.deepEqual(
+    asked.slice(-2).map(({ status }) => status),
+    [304, 200],
+  );
   await client.deleteWorld("doubted");
 });
 
@@ -157,9 +164,11 @@ test("an edit is in the chunks of whoever asks after it, and leaves the cache", 
     all(client.chunks(world, keys, { revision: 1n })),
     all(other.chunks(world, keys, { minRevision: 1n })),
   ]);
+  const dropped = await all(client.chunks(world, keys, { revision: 0n }));
   const byKey = (meshes: ChunkMesh[]) => meshes.sort((one, next) => one.key.y - next.key.y).map(digest);
   assert.deepEqual(byKey(after), byKey(seen));
   assert.notDeepEqual(byKey(after), byKey(before));
+  assert.deepEqual(byKey(dropped), byKey(after), "what was kept for the revision before is stale");
   assert.ok(after.some(({ revision }) => revision === 1n));
   const log = await all(other.edits(world));
   assert.deepEqual(

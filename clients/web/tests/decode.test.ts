@@ -174,6 +174,53 @@ test("an unknown media type is refused by name", () => {
   assert.throws(() => decode(hexdump(NATIVE, "std"), "text/html; charset=utf-8"), /text\/html/);
 });
 
+const u16 = (value: number) => [value & 255, value >> 8];
+
+for (const [name, offset, bytes, why] of [
+  ["std", 0, [0x44], /begins with/],
+  ["std", 4, u16(2), /begins with/],
+  ["std", 68, [0xcf], /file_bytes is 207/],
+  ["std", 52, [5], /index_count is 5/],
+  ["std", 60, u16(17), /cells is 17/],
+  ["std", 62, [21], /lod is 21/],
+  ["std", 39, [0x80], /revision is/],
+  ["std", 15, [0x7f], /voxels from the origin/],
+  ["std", 46, [0xf0, 0x7f], /voxel size is/],
+  ["std", 59, [0xff], /geometric_error is/],
+  ["std", 64, [64], /coarser is 64/],
+  ["std", 65, [3], /content is 3/],
+  ["std", 65, [0], /content is air, but there are 4 vertices/],
+  ["std", 66, [3], /index_bytes is 3/],
+  ["std", 67, [2], /no block of kind 3/],
+  ["std", 6, u16(200), /beyond the file/],
+  ["std", 73, [0x60], /low is .* above high/],
+  ["std", 0x62, u16(5121), /block 0 of kind 1 has type/],
+  ["std", 0x70, u16(1), /block 1 of kind 1 has type/],
+  ["std", 0x88, u16(0xc2), /block 2 of kind 3 has 12 bytes at 194/],
+  ["std", 0x88, u16(0x40), /block 2 of kind 3 has 12 bytes at 64/],
+  ["std", 0x88, u16(0xd0), /block 2 of kind 3 has 12 bytes at 208/],
+  ["std", 0x8c, u16(14), /block 2 of kind 3 has 14 bytes/],
+  ["std", 0xc2, u16(4), /an index is 4: there are 4 vertices/],
+  ["f32", 0x92, [0xc0, 0x7f], /a position is NaN/],
+  ["f32", 0xc2, [0x80, 0x40], /a normal is/],
+] as const) {
+  test(`a file of ${name} with ${bytes} at ${offset} is refused, and why`, () => {
+    const file = hexdump(NATIVE, name);
+    file.set(bytes, offset);
+    assert.throws(() => decode(file), why);
+    assert.throws(() => decode(file), BadChunk);
+  });
+}
+
+test("kinds of blocks that a later writer adds are passed over", () => {
+  const file = hexdump(NATIVE, "std");
+  const longer = new Uint8Array([...file.subarray(0, 0x90), 9, ...new Uint8Array(15), ...file.subarray(0x90)]);
+  longer[67] = 4;
+  longer[68]! += 16;
+  [0x68, 0x78, 0x88].forEach((offset) => (longer[offset]! += 16));
+  assert.deepEqual([...decode(longer).indices], [...decode(file).indices]);
+});
+
 test("whatever the bytes are, it is a chunk or a BadChunk", () => {
   let state = 12345;
   const random = (below: number) => (state = (state * 1103515245 + 12345) % 2 ** 31) % below;

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
+import { rungs } from "../src/ladder.js";
 import { LevelOfDetail, type ChunkSet, type Selection, type ViewOptions } from "../src/levels.js";
 import { chunkName, type FittedChunk, type Triple } from "../src/mesh.js";
 import { redraws, swaps } from "../src/swaps.js";
@@ -62,13 +63,20 @@ interface Journey {
     swaps: Row[][];
     redraws: Row[][];
   }[];
+  readonly ladder: { sharpness: number; rungs: [number, number[]][] };
   readonly stale: { lod: number; low: Triple; high: Triple };
 }
 
 test("the journeys of the Python client", () => {
   const journeys: Journey[] = JSON.parse(readFileSync(given("CHUNKSERVER_JOURNEYS"), "utf8"));
   let [leaves, coarsened, kept] = [0, 0, 0];
-  for (const { lods, cells, errors, view, frames, stale } of journeys) {
+  for (const { lods, cells, errors, view, frames, stale, ladder } of journeys) {
+    const off = errors ?? Array.from({ length: lods }, (_, lod) => 0.25 * 2 ** lod);
+    const found = rungs(cells, off, ladder.sharpness, view.reach!);
+    assert.deepEqual(
+      found.map(({ reach, split }) => [reach, split]),
+      ladder.rungs,
+    );
     const levels = new LevelOfDetail({ ...WORLD, chunkCells: cells, lods, geometricErrors: errors }, view);
     let before = null as Selection | null;
     for (const frame of frames) {

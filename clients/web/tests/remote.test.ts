@@ -13,7 +13,14 @@ import { given } from "./pages.js";
 
 const URL_GIVEN = given("CHUNKSERVER_URL");
 const { port1, port2 } = new MessageChannel();
-serve(port2 as unknown as Port);
+const moved = new Set<object>();
+serve({
+  addEventListener: (type, listener) => port2.addEventListener(type, listener as never),
+  postMessage(message, transfer) {
+    transfer.forEach((buffer) => moved.add(buffer));
+    port2.postMessage(message, transfer as never);
+  },
+});
 const client = new WorkerClient(URL_GIVEN, { retry: { attemptsMax: 2, backoffSeconds: 0 } }, port1 as unknown as Port);
 after(() => port1.close());
 
@@ -25,6 +32,7 @@ test("it answers what the client answers", async () => {
   const mesh = await there.chunk(world, key);
   assert.deepEqual(mesh, await here.chunk(world, key));
   assert.equal(mesh.positions.buffer, mesh.indices.buffer);
+  assert.equal(moved.size, 1, "its one buffer is moved, not copied");
   assert.deepEqual(await there.chunk(world, key), mesh, "what is in the cache has not gone with it");
 });
 
@@ -41,6 +49,7 @@ test("many chunks come, more than are sent ahead", async () => {
     found.add(JSON.stringify(key));
   }
   assert.equal(found.size, keys.length);
+  assert.ok(moved.size > 20, `${moved.size} buffers were moved`);
 });
 
 test("worlds, edits, and what is forgotten after them", async () => {
