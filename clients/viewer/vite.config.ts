@@ -1,17 +1,8 @@
 /** Builds the page into the Python package. The web client is bundled from its sources: it needs no build of its own. */
 
-import { defineConfig, type Plugin } from "vite";
+import { defineConfig } from "vite";
 
 const here = (path: string) => decodeURIComponent(new URL(path, import.meta.url).pathname);
-
-/** The client's own worker, with what counts in front. */
-const counting: Plugin = {
-  name: "counting",
-  transform: (code, id) =>
-    id.split("?")[0] === here("../web/src/worker.ts")
-      ? `import ${JSON.stringify(here("src/counting.ts"))};\n${code}`
-      : null,
-};
 
 export default defineConfig({
   base: "./",
@@ -22,7 +13,7 @@ export default defineConfig({
     ],
     dedupe: ["three", "fzstd"],
   },
-  worker: { format: "es", plugins: () => [counting] },
+  worker: { format: "es" },
   build: {
     target: "es2022",
     outDir: here("../../chunkserver/viewer"),

@@ -8,7 +8,9 @@ import {
   StreamEnded,
   Unavailable,
   Unreachable,
+  WorkerClient,
   type Stroke,
+  type Traffic,
   type Triple,
 } from "chunkserver-client";
 import { WebGLRenderer } from "three";
@@ -17,32 +19,33 @@ import { Chooser } from "./chooser.js";
 import { element } from "./element.js";
 import { Figures, bytesAsText } from "./figures.js";
 import { Input } from "./input.js";
-import { readLink, writeLink, type Link } from "./link.js";
+import { VIEWS, readLink, writeLink, type Link } from "./link.js";
 import type { View } from "./look/index.js";
 import { Notice } from "./notice.js";
 import { Session } from "./session.js";
 import { startOf, type Start } from "./starts.js";
-import { countedClient, type Counted } from "./traffic.js";
 import { open, serverUrl, type Source } from "./world.js";
 
-export const VIEWS: readonly View[] = ["shaded", "wireframe", "levels", "normals"];
 const RADIUS_MIN = 1;
 const RADIUS_MAX = 32;
 const PIXEL_RATIO_MAX = 1.5;
 /** Milliseconds. */
 const FIGURES_MS = 250;
 const LINK_MS = 700;
+/** How patient the client is: the page says what is wrong, and tries again by itself. */
+const RETRY = { attemptsMax: 3, secondsMax: 20, backoffSecondsMax: 1 };
 const AWAY_MS = 700;
 /** Ends of a stream that another one would have too: somebody has no key that is good for it. */
 const KEEPS_OUT = new Set([4401, 4403]);
 
 export class App {
   session: Session | null = null;
-  readonly traffic: Counted["traffic"];
+  /** Of the client, as it was a moment ago. */
+  traffic: Traffic = { requests: 0, bytes: 0, cached: 0 };
   isAway = false;
   frames = 0;
   view: View = "shaded";
-  private readonly client: Counted["client"];
+  private readonly client = new WorkerClient(serverUrl(), { retry: RETRY });
   private readonly notice = new Notice();
   private readonly figures = new Figures();
   private readonly chooser: Chooser;
@@ -63,8 +66,6 @@ export class App {
     private readonly canvas: HTMLCanvasElement,
     private readonly renderer: WebGLRenderer,
   ) {
-    const { client, traffic } = countedClient(serverUrl());
-    [this.client, this.traffic] = [client, traffic];
     this.input = new Input(canvas, {
       strike: (op) => void this.strike(op),
       resize: (times) => this.setRadius(Number(this.radius.value) * times),
@@ -73,7 +74,7 @@ export class App {
       toggleFigures: () => this.figures.toggle(),
       toggleHelp: () => this.toggleHelp(),
     });
-    this.chooser = new Chooser(client, (source, keepsPlace) => void this.go(source, keepsPlace));
+    this.chooser = new Chooser(this.client, (source, keepsPlace) => void this.go(source, keepsPlace));
     this.source = readLink(location.hash).source;
     this.connect();
     addEventListener("resize", () => this.resize());
@@ -141,7 +142,10 @@ export class App {
       event.preventDefault();
       this.notice.hold("The graphics card has let go of the picture. It comes back by itself, or when you reload.");
     });
-    this.canvas.addEventListener("webglcontextrestored", () => this.notice.hold(null));
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.notice.hold(null);
+      this.session?.touch();
+    });
     document.addEventListener("pointerlockchange", () => {
       const hint = this.input.isLocked ? "Left digs, right builds, Esc frees the mouse" : "Click to look around";
       element("hint", HTMLParagraphElement).textContent = hint;
@@ -170,7 +174,8 @@ export class App {
   private async go(source: Source, keepsPlace: boolean): Promise<void> {
     const place = keepsPlace ? this.session?.pose : undefined;
     const isWalking = keepsPlace && this.session?.motion.isWalking === true;
-    await this.show({ source, position: place?.position ?? null, ahead: place?.ahead ?? null, isWalking });
+    const { view } = this;
+    await this.show({ source, position: place?.position ?? null, ahead: place?.ahead ?? null, isWalking, view });
   }
 
   private async show(link: Link): Promise<void> {
@@ -189,7 +194,7 @@ export class App {
       const session = new Session(this.renderer, this.client, world, start, innerHeight, (error) => this.failed(error));
       this.session = session;
       this.setWalking(link.isWalking);
-      session.setView(this.view);
+      this.setView(link.view);
       this.resize();
       this.chooser.offer(recipes);
       this.chooser.show(world);
@@ -204,19 +209,15 @@ export class App {
 
   /** Somebody has changed the address. */
   private follow(link: Link): void {
-    const isSame = writeLink({ ...link, position: null, ahead: null }).replace(/&walk=1$/, "") === this.linkOfSource();
-    if (!isSame || this.session === null) {
+    if (this.session === null || !isSame(link.source, this.source)) {
       void this.show(link);
     } else if (location.hash !== this.link()) {
       this.setWalking(link.isWalking);
+      this.setView(link.view);
       if (link.position !== null) {
         this.moveTo(link.position, link.ahead);
       }
     }
-  }
-
-  private linkOfSource(): string {
-    return writeLink({ source: this.source, position: null, ahead: null, isWalking: false });
   }
 
   private link(): string {
@@ -226,6 +227,7 @@ export class App {
       position: pose.position,
       ahead: pose.ahead,
       isWalking: motion.isWalking,
+      view: this.view,
     });
   }
 
@@ -241,9 +243,12 @@ export class App {
     session.frame(this.input.wish, elapsed);
     this.frames += 1;
     this.frameMs += (performance.now() - now - this.frameMs) * 0.1;
-    if (now - this.shownAt > FIGURES_MS && this.figures.isShown) {
+    if (now - this.shownAt > FIGURES_MS) {
       this.shownAt = now;
-      this.showFigures(session);
+      void this.client.traffic().then((traffic) => (this.traffic = traffic));
+      if (this.figures.isShown) {
+        this.showFigures(session);
+      }
     }
     if (now - this.linkedAt > LINK_MS) {
       this.linkedAt = now;
@@ -264,7 +269,7 @@ export class App {
       Meshes: bytesAsText(session.bytes),
       Received: bytesAsText(this.traffic.bytes),
       "Per chunk": `${terrain.msPerChunk.toFixed(1)} ms`,
-      "Cache hits": Math.max(0, terrain.arrivedChunks - this.traffic.chunks).toLocaleString("en"),
+      "Cache hits": this.traffic.cached.toLocaleString("en"),
       Revision: String(following.revision),
       Frame: `${this.frameMs.toFixed(1)} ms`,
     });
@@ -313,7 +318,7 @@ export class App {
       const { pose, motion } = this.session!;
       const [source, isWalking] = [this.source, motion.isWalking];
       this.session!.terrain.stop();
-      void this.show({ source, position: pose.position, ahead: pose.ahead, isWalking });
+      void this.show({ source, position: pose.position, ahead: pose.ahead, isWalking, view: this.view });
     } else if (error instanceof NotAllowed || error instanceof StreamEnded) {
       this.notice.say(error instanceof NotAllowed ? error.detail : error.message);
     } else {
@@ -351,4 +356,10 @@ export class App {
     this.session?.following.resume();
     this.session?.terrain.resume();
   }
+}
+
+function isSame(one: Source, other: Source): boolean {
+  return one.kind === "world"
+    ? other.kind === "world" && one.id === other.id
+    : other.kind === "seed" && one.seed === other.seed && one.recipe === other.recipe;
 }

@@ -2,6 +2,7 @@
 
 import type { Triple } from "chunkserver-client";
 
+import type { View } from "./look/index.js";
 import { SEED_MAX, type Source } from "./world.js";
 
 export interface Link {
@@ -10,8 +11,11 @@ export interface Link {
   readonly position: Triple | null;
   readonly ahead: Triple | null;
   readonly isWalking: boolean;
+  readonly view: View;
 }
 
+/** In the order of their keys; the first one is that of a link which names none. */
+export const VIEWS: readonly View[] = ["shaded", "wireframe", "levels", "normals"];
 const ID = /^[a-z0-9_-]{1,64}$/;
 const DECIMAL = /^[+-]?\d{1,13}(\.\d{1,9})?$/;
 const PLACES = 3;
@@ -30,14 +34,15 @@ export function readLink(hash: string): Link {
           recipe: recipe !== null && ID.test(recipe) ? recipe : "planet",
         };
   const [position, ahead] = [triple(given.get("at")), triple(given.get("look"))];
-  return { source, position, ahead, isWalking: given.get("walk") === "1" };
+  const view = VIEWS.find((each) => each === given.get("view")) ?? VIEWS[0]!;
+  return { source, position, ahead, isWalking: given.get("walk") === "1", view };
 }
 
-export function writeLink({ source, position, ahead, isWalking }: Link): string {
+export function writeLink({ source, position, ahead, isWalking, view }: Link): string {
   const which = source.kind === "world" ? `world=${source.id}` : `recipe=${source.recipe}&seed=${source.seed}`;
   const at = position === null ? "" : `&at=${position.map((place) => decimal(place, PLACES)).join(",")}`;
   const look = ahead === null ? "" : `&look=${ahead.map((part) => decimal(part, PLACES_OF_DIRECTION)).join(",")}`;
-  return `#${which}${at}${look}${isWalking ? "&walk=1" : ""}`;
+  return `#${which}${at}${look}${isWalking ? "&walk=1" : ""}${view === VIEWS[0] ? "" : `&view=${view}`}`;
 }
 
 /** A signed 64-bit integer; null for anything else. */

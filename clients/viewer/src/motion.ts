@@ -46,7 +46,8 @@ export class Motion {
   /** Metres above the ground, as far as it is known. */
   altitude = 100;
   private velocity: Triple = [0, 0, 0];
-  private isStanding = false;
+  /** Whether they have ground under their feet. */
+  isStanding = false;
 
   constructor(
     private readonly pose: Pose,

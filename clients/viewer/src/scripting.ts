@@ -26,6 +26,9 @@ export interface Counters {
   readonly revision: string;
   readonly isAway: boolean;
   readonly isWalking: boolean;
+  readonly isStanding: boolean;
+  /** Metres of the eye above the ground. */
+  readonly altitude: number;
   readonly frames: number;
   /** Of answers, as they came over the network. */
   readonly bytes: number;
@@ -62,6 +65,8 @@ export function scripting(app: App): Scripting {
         revision: String(session?.following.revision ?? 0n),
         isAway: app.isAway,
         isWalking: session?.motion.isWalking ?? false,
+        isStanding: session?.motion.isStanding ?? false,
+        altitude: session?.motion.altitude ?? 0,
         frames: app.frames,
         bytes: app.traffic.bytes,
         world: world === undefined ? "" : world.kind === "world" ? world.id : "seed",

@@ -18,10 +18,17 @@ import { extentOf } from "./world.js";
 export const FOV_DEGREES = 60;
 /** How far the surface may seem to be off, in pixels. */
 const ERROR_PIXELS = 8;
+/** Of a level, in its cells, whatever the server says. */
+const ERROR_LEAST = 0.15;
 /** More would take long to come, and to draw. */
 const CHUNKS_MAX = 4096;
 /** Voxels from the viewer to the anchor. */
 const ANCHOR_AWAY_MAX = 2048;
+/** How long light and shadows take to follow what has changed. */
+const RESTLESS_SECONDS = 1.5;
+/** A machine whose frames take that long rests where it can. */
+const SLOW_SECONDS = 1 / 25;
+const PACE_PART = 0.2;
 const NEAR_MIN = 0.08;
 const NEAR_MAX = 1e5;
 /** Of the distance to the nearest bounds of a chunk. */
@@ -43,6 +50,11 @@ export class Session {
   private readonly look: Look;
   private readonly objects = new Map<string, ChunkObject>();
   private readonly far: number;
+  private seen = "";
+  /** Seconds a frame, about. */
+  private pace = 0;
+  /** Seconds for which the picture still changes. */
+  private restless = RESTLESS_SECONDS;
 
   /** failed: told when the server cannot be reached, or the world is not what it was. */
   constructor(
@@ -71,7 +83,7 @@ export class Session {
       radius: shape.radius,
     });
     const { lods, ...view } = extent;
-    const shown = { ...world, lods, geometricErrors: world.geometricErrors?.slice(0, lods) ?? null };
+    const shown = { ...world, lods, geometricErrors: errorsOf(world, lods) };
     const options = {
       ...view,
       errorPixels: ERROR_PIXELS,
@@ -100,7 +112,13 @@ export class Session {
     return Array.from(counts, (count) => count ?? 0);
   }
 
+  /** The picture is not what was drawn last. */
+  touch(): void {
+    this.restless = RESTLESS_SECONDS;
+  }
+
   setView(view: View): void {
+    this.touch();
     this.look.setView(view);
     for (const object of this.objects.values()) {
       object.material = this.look.materialFor(object.chunk);
@@ -108,6 +126,7 @@ export class Session {
   }
 
   resize(width: number, height: number): void {
+    this.touch();
     this.camera.aspect = width / height;
     this.look.resize(width, height);
   }
@@ -130,8 +149,27 @@ export class Session {
     camera.far = Math.max(this.far, 4 * camera.near);
     camera.updateProjectionMatrix();
     camera.updateMatrixWorld();
-    this.look.update(camera, [...this.group.anchor], camera.up, elapsed);
-    this.look.render(camera);
+    this.paint(elapsed);
+  }
+
+  /**
+   * Draws, unless nothing has changed, light and shadows have had their time, and the machine is slow: on a fast one
+   * the clouds drift on.
+   */
+  private paint(elapsed: number): void {
+    const { camera } = this;
+    const seen = [...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
+    if (seen !== this.seen) {
+      this.seen = seen;
+      this.restless = RESTLESS_SECONDS;
+    }
+    const isResting = this.restless <= 0 && this.pace > SLOW_SECONDS;
+    if (!isResting) {
+      this.restless -= elapsed;
+      this.pace += (elapsed - this.pace) * PACE_PART;
+      this.look.update(camera, [...this.group.anchor], camera.up, elapsed);
+      this.look.render(camera);
+    }
   }
 
   /** Where the crosshair meets the ground. */
@@ -173,6 +211,7 @@ export class Session {
   private draw(name: string, mesh: ConstructorParameters<typeof ChunkObject>[0]): void {
     const object = new ChunkObject(mesh, this.look.materialFor(mesh));
     object.castShadow = object.receiveShadow = true;
+    this.touch();
     this.objects.set(name, object);
     this.group.add(object);
     this.ground.add(mesh);
@@ -183,6 +222,7 @@ export class Session {
   private remove(name: string): void {
     const object = this.objects.get(name);
     if (object !== undefined) {
+      this.touch();
       this.objects.delete(name);
       this.group.remove(object);
       object.dispose();
@@ -192,4 +232,9 @@ export class Session {
       this.bytes -= positions.byteLength + normals.byteLength + indices.byteLength;
     }
   }
+}
+
+/** By level, how far it may be off. Where the server has seen no error there may be one all the same: of a lone hill. */
+function errorsOf({ geometricErrors }: AnyWorld, lods: number): number[] | null {
+  return geometricErrors?.slice(0, lods).map((error, lod) => Math.max(error, ERROR_LEAST * 2 ** lod)) ?? null;
 }

@@ -98,11 +98,7 @@ export class Terrain {
     return this.drawn.size;
   }
 
-  /** How many chunks came over, and milliseconds of waiting for one. */
-  get arrivedChunks(): number {
-    return this.fetching.arrived;
-  }
-
+  /** Of waiting, for one that came. */
   get msPerChunk(): number {
     return this.fetching.arrived ? this.fetching.busyMs / this.fetching.arrived : 0;
   }
