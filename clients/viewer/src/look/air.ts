@@ -109,7 +109,7 @@ void scatter(vec3 from, vec3 direction, float far, int steps, out vec3 light, ou
     float haze = airMie * density.y;
     vec3 lit = sunThrough(at);
     vec3 own = exp(-(molecules + haze * 1.1));
-    vec3 more = 0.045 * (molecules + haze) * sqrt(lit);
+    vec3 more = 0.06 * (molecules + haze) * sqrt(lit);
     light += through * (lit * (molecules * rayleigh + haze * mie) + more);
     through *= own;
   }

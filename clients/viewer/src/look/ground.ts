@@ -302,7 +302,7 @@ void main() {
   vec3 added;
   vec3 through;
   scatter(cameraPosition - airCentre, -view, far, 5, added, through);
-  float clear = 0.25 + 0.3 * smoothstep(0.1, 0.8, length(cameraPosition - airCentre) / airShape.x - 1.0);
+  float clear = 0.45 + 0.15 * smoothstep(0.1, 0.8, length(cameraPosition - airCentre) / airShape.x - 1.0);
   colour = colour * mix(through, vec3(1.0), clear) + added * (1.0 - clear);
 #else
   float haze = far / visibility;

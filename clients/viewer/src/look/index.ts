@@ -54,8 +54,8 @@ export interface LookWorld {
 const VISIBILITY_FIRST = 600;
 const VISIBILITY_LEAST = 160;
 const SHADOW_SIZE = 2048;
-/** Milliseconds between two drawings of shadows while chunks come in. */
-const SHADOWS_EACH_MS = 120;
+/** Milliseconds between two drawings of a map while chunks come in. */
+const MAP_EACH_MS = 120;
 
 export class Look {
   readonly quality: Quality;
@@ -74,7 +74,7 @@ export class Look {
   private survey: Survey | null = null;
   private signature = -1;
   private surveyedAt = new Vector3(Infinity, 0, 0);
-  private drawnShadows = -Infinity;
+  private readonly drawnMaps = [-Infinity, -Infinity, -Infinity];
   private anchor = "";
 
   /** @param quality by default what the address asks for (`?quality=high`), or what the graphics card is up to */
@@ -157,7 +157,7 @@ export class Look {
     const visibility = this.own.visibility;
     visibility.value += (reach - visibility.value) * (1 - Math.exp(-2 * seconds));
     if (this.quality === "high" && this.survey !== null) {
-      this.drawShadows(this.survey, up);
+      this.drawMaps(this.survey, up);
     }
   }
 
@@ -240,17 +240,27 @@ export class Look {
     }
   }
 
-  private drawShadows(survey: Survey, up: Vector3): void {
-    const now = performance.now();
-    if (now - this.drawnShadows < SHADOWS_EACH_MS) {
-      return;
-    }
-    this.drawnShadows = now;
-    const voxel = this.world.voxelSize * 2 ** survey.lod;
-    const draw = (camera: Camera, material: Material) => this.draw(camera, material, null);
+  /** One map at most in a frame, so that none takes long; each only now and then while chunks come in. */
+  private drawMaps({ nearest, lod }: Survey, up: Vector3): void {
+    const sight = {
+      focus: nearest,
+      voxel: this.world.voxelSize * 2 ** lod,
+      draw: (camera: Camera, material: Material) => this.draw(camera, material, null),
+    };
     const origin = this.own.anchorLeft.value.clone().negate();
-    this.shadows.update(this.renderer, survey.nearest, voxel, this.air.sunDirection.value, origin, draw);
-    this.openness.update(this.renderer, survey.nearest, voxel, up, draw);
+    const { renderer, shadows, air } = this;
+    const maps = [
+      () => shadows.update("near", renderer, sight, air.sunDirection.value, origin),
+      () => this.openness.update(renderer, sight, up),
+      () => shadows.update("far", renderer, sight, air.sunDirection.value, origin),
+    ];
+    const now = performance.now();
+    for (const [number, update] of maps.entries()) {
+      if (now - this.drawnMaps[number]! > MAP_EACH_MS && update()) {
+        this.drawnMaps[number] = now;
+        return;
+      }
+    }
   }
 
   /** Draws all chunks, and nothing else, with one material. */

@@ -21,6 +21,8 @@ import {
 
 import { placed } from "chunkserver-client/three";
 
+import type { Sight } from "./shadows.js";
+
 /** What a shader needs to know how open a place is. */
 export interface OpennessUniforms {
   [name: string]: { value: unknown };
@@ -123,17 +125,11 @@ export class Openness {
     this.isStale = true;
   }
 
-  /** As of `Shadows`. */
-  update(
-    renderer: WebGLRenderer,
-    focus: Vector3,
-    voxel: number,
-    up: Vector3,
-    only: (camera: OrthographicCamera, material: ShaderMaterial) => void,
-  ): void {
+  /** Draws the map if it is out of date; returns whether it was. */
+  update(renderer: WebGLRenderer, { focus, voxel, draw }: Sight, up: Vector3): boolean {
     const half = HALF_VOXELS * voxel;
     if (!this.isStale && half === this.half && this.middle.distanceTo(focus) < half * MOVED) {
-      return;
+      return false;
     }
     this.isStale = false;
     this.half = half;
@@ -158,9 +154,10 @@ export class Openness {
     renderer.setRenderTarget(this.target);
     renderer.setClearColor(new Color(-2 * half, 0, 0), 1); // where there is nothing, nothing hides the sky
     renderer.clear();
-    only(camera, this.material);
+    draw(camera, this.material);
     renderer.setRenderTarget(before);
     renderer.setClearColor(colour, alpha);
+    return true;
   }
 
   dispose(): void {

@@ -36,14 +36,14 @@ export interface Ground {
 const NEVER = 1e9;
 
 const MEADOWS: Ground = {
-  rock: srgb(0x857d73),
-  rockLayer: srgb(0x615a52),
+  rock: srgb(0x7f7b74),
+  rockLayer: srgb(0x57534d),
   grass: srgb(0x3a5226),
   grassDry: srgb(0x6c6a40),
-  sand: srgb(0x8f7a55),
-  soil: srgb(0x6a5439),
-  low: srgb(0x77674a),
-  snow: srgb(0xf1f4f8),
+  sand: srgb(0x857655),
+  soil: srgb(0x5a4d3c),
+  low: srgb(0x6f6450),
+  snow: srgb(0xe4e8ee),
   lowBelow: -14,
   snowAbove: 95,
   grassSlope: 0.74,

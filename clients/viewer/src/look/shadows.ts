@@ -15,6 +15,7 @@ import {
   UnsignedIntType,
   Vector3,
   WebGLRenderTarget,
+  type Material,
   type Texture,
   type WebGLRenderer,
 } from "three";
@@ -37,6 +38,16 @@ const NEAR_VOXELS = 72;
 const FAR_TIMES = 6;
 /** A map is drawn anew when the viewer has moved by this share of its half width. */
 const MOVED = 0.12;
+
+/** What maps around the viewer are drawn of. */
+export interface Sight {
+  /** The ground nearest to the viewer. */
+  readonly focus: Vector3;
+  /** Width of a voxel of the finest level that is drawn, metres. */
+  readonly voxel: number;
+  /** Draws all chunks, and nothing else, with one material. */
+  draw(camera: OrthographicCamera, material: Material): void;
+}
 
 /** `sunlight`: the share of the sun that is seen from a point. */
 export const SHADOW = /* glsl */ `
@@ -92,6 +103,7 @@ class ShadowMap {
   readonly camera = new OrthographicCamera();
   readonly target: WebGLRenderTarget;
   readonly matrix = new Matrix4();
+  isStale = true;
   private readonly middle = new Vector3(Infinity, 0, 0);
   private half = 0;
 
@@ -106,12 +118,13 @@ class ShadowMap {
     return (2 * this.half) / this.size;
   }
 
-  isStale(middle: Vector3, half: number): boolean {
-    return half !== this.half || !(this.middle.distanceTo(middle) < half * MOVED);
+  isStaleFor(middle: Vector3, half: number): boolean {
+    return this.isStale || half !== this.half || !(this.middle.distanceTo(middle) < half * MOVED);
   }
 
   /** origin: a point of the scene that stays where it is in the world. depth: how far shadows are cast from. */
   place(middle: Vector3, half: number, depth: number, sun: Vector3, origin: Vector3): void {
+    this.isStale = false;
     this.half = half;
     this.middle.copy(middle);
     const camera = this.camera;
@@ -154,7 +167,6 @@ export class Shadows {
       colorWrite: false,
     }),
   );
-  private isStale = true;
 
   constructor(size: number) {
     this.near = new ShadowMap(size);
@@ -170,41 +182,31 @@ export class Shadows {
 
   /** Chunks, the sun or the origin have changed. */
   outdate(): void {
-    this.isStale = true;
+    this.near.isStale = this.far.isStale = true;
   }
 
   /**
-   * Draws what has to be drawn.
+   * Draws one map if it is out of date.
    *
-   * @param focus the ground nearest to the viewer
-   * @param voxel width of a voxel of the finest level that is drawn, metres
-   * @param only draws the chunks and nothing else with a material, as a camera sees them
+   * @param sight what is seen from where
+   * @param sun the direction to it
+   * @param origin a point of the scene that stays where it is in the world
+   * @returns whether anything was drawn
    */
-  update(
-    renderer: WebGLRenderer,
-    focus: Vector3,
-    voxel: number,
-    sun: Vector3,
-    origin: Vector3,
-    only: (camera: OrthographicCamera, material: ShaderMaterial) => void,
-  ): void {
-    const half = NEAR_VOXELS * voxel;
-    const maps = [
-      [this.near, half],
-      [this.far, half * FAR_TIMES],
-    ] as const;
-    const before = renderer.getRenderTarget();
-    for (const [map, width] of maps) {
-      if (this.isStale || map.isStale(focus, width)) {
-        map.place(focus, width, half * FAR_TIMES * 3, sun, origin);
-        renderer.setRenderTarget(map.target);
-        renderer.clear(false, true, false);
-        only(map.camera, this.material);
-      }
+  update(which: "near" | "far", renderer: WebGLRenderer, sight: Sight, sun: Vector3, origin: Vector3): boolean {
+    const half = NEAR_VOXELS * sight.voxel;
+    const [map, width] = which === "near" ? [this.near, half] : [this.far, half * FAR_TIMES];
+    if (!map.isStaleFor(sight.focus, width)) {
+      return false;
     }
+    map.place(sight.focus, width, half * FAR_TIMES * 3, sun, origin);
+    const before = renderer.getRenderTarget();
+    renderer.setRenderTarget(map.target);
+    renderer.clear(false, true, false);
+    sight.draw(map.camera, this.material);
     renderer.setRenderTarget(before);
-    this.isStale = false;
     this.uniforms.shadowTexel.value = [this.near.texel, this.far.texel];
+    return true;
   }
 
   dispose(): void {
