@@ -202,7 +202,7 @@ void main() {
 
   // a texture is no longer seen where its period is a few pixels: what is left of it would only repeat
   float pixel = max(length(dx), length(dy));
-  vec4 seen = 1.0 - smoothstep(vec4(1.2, 0.18, 0.09, 0.03), vec4(5.0, 0.9, 0.5, 0.2), vec4(pixel));
+  vec4 seen = 1.0 - smoothstep(vec4(1.2, 0.25, 0.09, 0.03), vec4(5.0, 1.1, 0.5, 0.2), vec4(pixel));
   Detail vast = triplanar(soilNoise, at, weights, ${turns[0]});
   Detail wide = faded(triplanar(soilNoise, at, weights, ${turns[1]}), seen.x);
   Detail mid = faded(triplanar(soilNoise, at, weights, ${turns[2]}), seen.y);
@@ -306,7 +306,7 @@ void main() {
   colour = colour * mix(through, vec3(1.0), clear) + added * (1.0 - clear);
 #else
   float haze = far / visibility;
-  float through = exp(-0.35 * haze - 3.4 * haze * haze * haze);
+  float through = exp(-0.5 * haze - 3.4 * haze * haze * haze);
   vec3 ahead = -view;
   ahead.y = max(ahead.y, 0.004);
   colour = mix(skyAt(normalize(ahead)).rgb, colour, through);

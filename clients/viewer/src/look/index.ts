@@ -53,6 +53,9 @@ export interface LookWorld {
 /** Metres: how far one sees before anything is there to be seen, and at least. */
 const VISIBILITY_FIRST = 600;
 const VISIBILITY_LEAST = 160;
+/** Beyond it there is haze even where more is drawn; further from the ground one sees further. */
+const VISIBILITY_MOST = 2400;
+const VISIBILITY_BY_HEIGHT = 5;
 const SHADOW_SIZE = 2048;
 /** Milliseconds between two drawings of a map while chunks come in. */
 const MAP_EACH_MS = 120;
@@ -153,7 +156,7 @@ export class Look {
     }
     this.placeSun(camera, up);
     this.sky.update(this.renderer, camera, up, seconds);
-    const reach = Math.max(this.survey?.reach ?? VISIBILITY_FIRST, VISIBILITY_LEAST);
+    const reach = this.visibilityFrom(camera);
     const visibility = this.own.visibility;
     visibility.value += (reach - visibility.value) * (1 - Math.exp(-2 * seconds));
     if (this.quality === "high" && this.survey !== null) {
@@ -228,6 +231,14 @@ export class Look {
       this.openness.outdate();
     }
     this.survey = surveyOf(isSame && this.survey ? this.survey.chunks : chunksOf(this.scene), camera.position);
+  }
+
+  private visibilityFrom(camera: PerspectiveCamera): number {
+    if (this.survey === null) {
+      return VISIBILITY_FIRST;
+    }
+    const most = VISIBILITY_MOST + VISIBILITY_BY_HEIGHT * this.survey.nearest.distanceTo(camera.position);
+    return Math.max(Math.min(this.survey.reach, most), VISIBILITY_LEAST);
   }
 
   private placeSun(camera: PerspectiveCamera, up: Vector3): void {

@@ -43,7 +43,7 @@ const MEADOWS: Ground = {
   sand: srgb(0x857655),
   soil: srgb(0x5a4d3c),
   low: srgb(0x6f6450),
-  snow: srgb(0xe4e8ee),
+  snow: srgb(0xd3d9e2),
   lowBelow: -14,
   snowAbove: 95,
   grassSlope: 0.74,
@@ -117,7 +117,7 @@ export function groundOf(name: string): Ground {
 
 /** The colour of each level of detail, sRGB as 0xRRGGBB, the finest first; from the last on they start again. */
 export const LEVELS: readonly number[] = [
-  0x3b82f6, 0x22c55e, 0xfacc15, 0xf97316, 0xef4444, 0xd946ef, 0x8b5cf6, 0x14b8a6, 0xa3e635, 0xf472b6,
+  0x3b82f6, 0x22c55e, 0xfacc15, 0xf97316, 0xdc2626, 0xd946ef, 0x8b5cf6, 0x14b8a6, 0xa3e635, 0xf472b6,
 ];
 
 /** 0xRRGGBB of sRGB to linear. */

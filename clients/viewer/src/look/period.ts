@@ -18,7 +18,7 @@ export const TURNS: readonly Turn[] = [
   [3, 4],
   [24, 7],
   [20, 99],
-  [300, 400],
+  [400, 300],
 ];
 
 /** The length after which a turned texture repeats, in metres. */

@@ -1,0 +1,95 @@
+/**
+ * Takes the pictures of docs/pictures/viewer with the page itself, in Chromium, against a server that runs:
+ *
+ *     node pictures.mjs http://127.0.0.1:8000 [name ...]
+ *
+ * The camera is that of a shared link. Without a graphics card a picture takes a minute or two.
+ */
+
+import { mkdtemp, rm, writeFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const { chromium } = createRequire(new URL("../../tests/package.json", import.meta.url))("playwright-core");
+
+const FOLDER = fileURLToPath(new URL("../../docs/pictures/viewer/", import.meta.url));
+const [WIDTH, HEIGHT] = [1280, 720];
+const QUALITY = 0.86;
+const WAIT_MS = 280_000;
+/** Frames after the last chunk: each draws one of the maps of light, and the haze settles. */
+const FRAMES = 5;
+
+/** What is shown: the page's link, and the view if it is not daylight. */
+const PICTURES = {
+  orbit: { link: "recipe=planet&seed=42&at=360,70,310&look=-0.753,-0.117,-0.648" },
+  planet: { link: "recipe=planet&seed=42&at=118,60,178&look=0.466,0,-0.885" },
+  cave: { link: "recipe=terrain&seed=42&at=144.3,6.5,-248.4&look=-0.741,-0.334,-0.59" },
+  city: { link: "recipe=city&seed=42&at=44,150,-330&look=0.187,-0.255,0.935" },
+  levels: { link: "recipe=terrain&seed=42&at=144.3,30,-248.4&look=-0.741,-0.334,-0.59", view: "levels" },
+};
+
+const ARGUMENTS = [
+  "--no-sandbox",
+  "--use-angle=swiftshader",
+  "--enable-unsafe-swiftshader",
+  "--disable-quic",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+];
+
+async function take(server, name, { link, view }) {
+  const profile = await mkdtemp(join(tmpdir(), "pictures-"));
+  const context = await chromium.launchPersistentContext(profile, {
+    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+    viewport: { width: WIDTH, height: HEIGHT },
+    args: ARGUMENTS,
+    bypassCSP: true,
+  });
+  try {
+    const page = await context.newPage();
+    page.setDefaultTimeout(WAIT_MS);
+    await page.goto(`${server}/?quality=high#${link}`);
+    await page.addStyleTag({ content: "body > :not(#view) { display: none !important }" });
+    // levels are chosen for the whole height; while chunks come in, small and plain frames are enough
+    await page.waitForFunction(() => window.chunkserver?.counters.chunks + window.chunkserver?.counters.pending > 0);
+    await page.evaluate(() => window.chunkserver.setView("levels"));
+    await page.setViewportSize({ width: 160, height: 90 });
+    await page.waitForFunction(() => window.chunkserver.counters.isSettled);
+    await page.evaluate((wanted) => window.chunkserver.setView(wanted), view ?? "shaded");
+    await frames(page, FRAMES);
+    await page.setViewportSize({ width: WIDTH, height: HEIGHT });
+    await frames(page, 1);
+    const picture = await page.evaluate(drawn, QUALITY);
+    await writeFile(join(FOLDER, `${name}.jpg`), Buffer.from(picture.split(",")[1], "base64"));
+    const { chunks, triangles, levels } = await page.evaluate(() => window.chunkserver.counters);
+    console.log(`${name}: ${chunks} chunks, ${triangles} triangles, levels ${levels.join(" ")}`);
+  } finally {
+    await context.close();
+    await rm(profile, { recursive: true, force: true });
+  }
+}
+
+async function frames(page, count) {
+  const until = (await page.evaluate(() => window.chunkserver.counters.frames)) + count;
+  await page.waitForFunction((least) => window.chunkserver.counters.frames >= least, until);
+}
+
+/** In the page: what the next frame draws, read before it is shown and gone. */
+function drawn(quality) {
+  return new Promise((resolve) => {
+    requestAnimationFrame(() => resolve(document.getElementById("view").toDataURL("image/jpeg", quality)));
+  });
+}
+
+const [server, ...names] = process.argv.slice(2);
+if (server === undefined || names.some((name) => !(name in PICTURES))) {
+  console.error(`node pictures.mjs SERVER [${Object.keys(PICTURES).join(" | ")}] ...`);
+  process.exit(2);
+}
+for (const name of names.length > 0 ? names : Object.keys(PICTURES)) {
+  await take(server, name, PICTURES[name]);
+}
