@@ -78,6 +78,31 @@ const scenes = {
     return { ...(await counters(page)), title: await page.title(), views };
   },
 
+  /** Straight down on a planet that fills the picture, from several places: pictures without anything in front. */
+  async seams({ url }) {
+    const page = await opened(url, GROUND.replace("normals", "levels"));
+    await page.evaluate(() =>
+      document.querySelectorAll("header, footer, #aim, #touch").forEach((each) => (each.hidden = true)),
+    );
+    const pictures = [];
+    const levels = new Set();
+    for (const [x, y, z] of [
+      [0.2, 1, 0.1],
+      [-0.5, 0.7, 0.4],
+      [1, 0.1, 0.2],
+      [-0.3, -0.8, 0.6],
+      [0.6, 0.2, -0.9],
+    ]) {
+      const length = Math.hypot(x, y, z);
+      const away = (distance) => [x, y, z].map((part) => (part / length) * distance);
+      await page.evaluate(([at, ahead]) => chunkserver.setCamera(at, ahead), [away(238), away(-1)]);
+      await settled(page);
+      (await counters(page)).levels.forEach((count, lod) => count && levels.add(lod));
+      pictures.push((await page.screenshot()).toString("base64"));
+    }
+    return { pictures, levels: [...levels] };
+  },
+
   /** One page digs, another one sees it. */
   async dig({ url }) {
     const [one, other] = [await opened(url), await opened(url)];

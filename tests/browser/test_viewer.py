@@ -17,6 +17,9 @@ from tests.serving import Server, serving
 
 DRIVER: Final = Path(__file__).with_name("drive.mjs")
 STOP_SECONDS_MAX: Final = 30.0
+BACKGROUND: Final = (17, 22, 29)
+"""Of every view but the shaded one: clients/viewer/src/look/views.ts."""
+BACKGROUND_NEAR: Final = 12
 WORLD: Final = "viewer-planet-42"
 
 Play = Callable[..., dict[str, Any]]
@@ -58,19 +61,30 @@ def play(tmp_path_factory) -> Iterator[Play]:
         driver.wait()
 
 
+def _pixels(picture: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB"))
+
+
 def test_a_planet_in_three_levels_and_four_views(play: Play, server: Server):
     found = play("levels", server)
     assert sum(count > 0 for count in found["levels"]) >= 3
     assert found["triangles"] > 10_000
     assert found["pending"] == 0
     assert found["title"].startswith("Planet, seed 42")
-    pictures = [
-        np.asarray(Image.open(io.BytesIO(base64.b64decode(view))).convert("RGB")) for view in found["views"].values()
-    ]
+    pictures = [_pixels(view) for view in found["views"].values()]
     for number, picture in enumerate(pictures):
         assert picture[80:240].std() > 4, f"view {number} is blank"
         others = pictures[:number]
         assert all(np.abs(picture[80:240].astype(int) - other[80:240]).mean() > 3 for other in others), number
+
+
+def test_no_background_through_a_seam(play: Play, server: Server):
+    found = play("seams", server)
+    assert len(found["levels"]) >= 3
+    for number, picture in enumerate(map(_pixels, found["pictures"])):
+        away = np.abs(picture.astype(int) - BACKGROUND).max(axis=-1)
+        assert np.count_nonzero(away < BACKGROUND_NEAR) == 0, f"picture {number}"
+        assert picture.std() > 4, f"picture {number} is blank"
 
 
 def test_what_one_digs_another_one_sees(play: Play, tmp_path: Path):

@@ -9,12 +9,14 @@ import {
   Unavailable,
   Unreachable,
   WorkerClient,
+  type ClientOptions,
   type Stroke,
   type Traffic,
   type Triple,
 } from "chunkserver-client";
 import { WebGLRenderer } from "three";
 
+import { apiKey, askForKey } from "./api_key.js";
 import { Chooser } from "./chooser.js";
 import { element } from "./element.js";
 import { Figures, bytesAsText } from "./figures.js";
@@ -45,7 +47,7 @@ export class App {
   isAway = false;
   frames = 0;
   view: View = "shaded";
-  private readonly client = new WorkerClient(serverUrl(), { retry: RETRY });
+  private readonly client = new WorkerClient(serverUrl(), optionsOf(apiKey()));
   private readonly notice = new Notice();
   private readonly figures = new Figures();
   private readonly chooser: Chooser;
@@ -320,6 +322,7 @@ export class App {
       this.session!.terrain.stop();
       void this.show({ source, position: pose.position, ahead: pose.ahead, isWalking, view: this.view });
     } else if (error instanceof NotAllowed || error instanceof StreamEnded) {
+      askForKey();
       this.notice.say(error instanceof NotAllowed ? error.detail : error.message);
     } else {
       this.notice.hold(error instanceof ClientError ? error.message : `Something went wrong: ${String(error)}`);
@@ -362,4 +365,8 @@ function isSame(one: Source, other: Source): boolean {
   return one.kind === "world"
     ? other.kind === "world" && one.id === other.id
     : other.kind === "seed" && one.seed === other.seed && one.recipe === other.recipe;
+}
+
+function optionsOf(key: string | null): ClientOptions {
+  return key === null || !/^[!-~]+$/.test(key) ? { retry: RETRY } : { retry: RETRY, apiKey: key };
 }

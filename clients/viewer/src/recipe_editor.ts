@@ -8,7 +8,8 @@ import { lineOf, lineOfError } from "./json_place.js";
 /** Milliseconds without a key before the server is asked. */
 const PAUSE_MS = 350;
 const LINE_PIXELS = 18;
-const PADDING_PIXELS = 8;
+/** From the top of the box to that of the first line. */
+const PADDING_PIXELS = 12;
 
 export class RecipeEditor {
   private readonly text = element("json", HTMLTextAreaElement);

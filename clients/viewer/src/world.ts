@@ -8,6 +8,7 @@ import {
   type WorldDescriptor,
 } from "chunkserver-client";
 
+import { apiKey } from "./api_key.js";
 import type { Shape } from "./shape.js";
 
 /** What a link names. recipe: a name or a digest */
@@ -60,7 +61,9 @@ export function idOf({ recipe, seed }: SeedDescriptor): string {
 /** Asks the list, for which a world that is not there is no error. */
 async function isThere(id: string): Promise<boolean> {
   const before = justBefore(id);
-  const answer = await fetch(`${serverUrl()}/v1/worlds?limit=1&after=${before}`);
+  const key = apiKey();
+  const headers: HeadersInit = key === null ? {} : { authorization: `Bearer ${key}` };
+  const answer = await fetch(`${serverUrl()}/v1/worlds?limit=1&after=${before}`, { headers });
   if (!answer.ok) {
     return false;
   }
