@@ -23,10 +23,10 @@ const FRAMES = 5;
 
 /** What is shown: the page's link, and the view if it is not daylight. */
 const PICTURES = {
-  orbit: { link: "recipe=planet&seed=42&at=360,70,310&look=-0.753,-0.117,-0.648" },
+  orbit: { link: "recipe=planet&seed=42&at=345,188,282&look=-0.722,-0.361,-0.59" },
   planet: { link: "recipe=planet&seed=42&at=118,60,178&look=0.386,-0.041,-1.005" },
   cave: { link: "recipe=terrain&seed=42&at=144.3,6.5,-248.4&look=-0.741,-0.334,-0.59" },
-  city: { link: "recipe=city&seed=42&at=44,150,-330&look=0.187,-0.255,0.935" },
+  city: { link: "recipe=city&seed=42&at=30,62,150&look=0.3,-0.13,-0.945" },
   levels: { link: "recipe=terrain&seed=42&at=144.3,30,-248.4&look=-0.741,-0.334,-0.59", view: "levels" },
 };
 

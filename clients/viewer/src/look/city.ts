@@ -30,7 +30,7 @@ float dress(inout vec3 colour, vec3 at, vec3 normal, float far) {
   vec2 dash = step(0.5, fract(at.zx / 10.0)) * step(12.0, aside.yx);
   vec2 line = (1.0 - smoothstep(0.2, 0.35 + far * 0.001, aside)) * dash;
   float street = 1.0 - smoothstep(0.6, 1.0, at.y);
-  colour = mix(colour, vec3(0.6), max(line.x, line.y) * street * 0.8);
+  colour = mix(colour, vec3(0.6), max(line.x, line.y) * street * 0.8 * (1.0 - smoothstep(150.0, 500.0, far)));
 
   vec3 away = abs(vec3(abs(inside), 0.0).xzy);
   vec2 wall = min(min(abs(away.xz - 26.0), abs(away.xz - 18.0)), abs(away.xz - 10.0));

@@ -60,6 +60,9 @@ const SHADOW_SIZE = 2048;
 /** Milliseconds between two drawings of a map while chunks come in. */
 const MAP_EACH_MS = 120;
 
+/** The same for all worlds: made for the first. */
+let noises: { readonly rock: Uint8Array; readonly soil: Uint8Array } | null = null;
+
 export class Look {
   readonly quality: Quality;
   private view: View = "shaded";
@@ -103,7 +106,8 @@ export class Look {
       visibility: { value: VISIBILITY_FIRST },
     };
     const anisotropy = Math.min(8, renderer.capabilities.getMaxAnisotropy());
-    this.textures = { rock: textureOf(rockNoise(1), anisotropy), soil: textureOf(soilNoise(2), anisotropy) };
+    noises ??= { rock: rockNoise(1), soil: soilNoise(2) };
+    this.textures = { rock: textureOf(noises.rock, anisotropy), soil: textureOf(noises.soil, anisotropy) };
     this.sky = new Sky(
       scene,
       this.air,

@@ -9,8 +9,11 @@ import {
   UnsignedByteType,
 } from "three";
 
-/** Height at u, v in [0, 1), the same one period further. */
-type Field = (u: number, v: number) => number;
+/** Row after row; `coarse` is that of the first two octaves. */
+interface Heights {
+  readonly all: Float32Array;
+  readonly coarse: Float32Array;
+}
 
 /** Texels a side. */
 export const NOISE_SIZE = 256;
@@ -40,24 +43,21 @@ export function textureOf(bytes: Uint8Array, anisotropy: number): DataTexture {
 }
 
 /** Height, slope along u, slope along v, and the height without its finer octaves; each centred at 128. */
-function bytesOf(fields: { readonly all: Field; readonly coarse: Field }): Uint8Array {
+function bytesOf({ all, coarse }: Heights): Uint8Array {
   const size = NOISE_SIZE;
-  const [heights, coarse] = [fields.all, fields.coarse].map((field) => {
-    const values = new Float32Array(size * size);
-    for (let at = 0; at < values.length; at++) {
-      values[at] = field((at % size) / size, Math.floor(at / size) / size);
-    }
-    return centred(values);
-  });
+  const [heights, low] = [centred(all), centred(coarse)];
   const bytes = new Uint8Array(4 * size * size);
   const slope = size / (2 * SLOPE_MAX);
-  for (let at = 0; at < size * size; at++) {
-    const [column, row] = [at % size, Math.floor(at / size)];
-    const along = (u: number, v: number) => heights![((row + v + size) % size) * size + ((column + u + size) % size)]!;
-    bytes[4 * at] = byteOf(heights![at]!);
-    bytes[4 * at + 1] = byteOf((along(1, 0) - along(-1, 0)) * slope);
-    bytes[4 * at + 2] = byteOf((along(0, 1) - along(0, -1)) * slope);
-    bytes[4 * at + 3] = byteOf(coarse![at]!);
+  for (let row = 0; row < size; row++) {
+    const [above, below] = [((row + 1) % size) * size, ((row + size - 1) % size) * size];
+    for (let column = 0; column < size; column++) {
+      const at = row * size + column;
+      const [right, left] = [row * size + ((column + 1) % size), row * size + ((column + size - 1) % size)];
+      bytes[4 * at] = byteOf(heights[at]!);
+      bytes[4 * at + 1] = byteOf((heights[right]! - heights[left]!) * slope);
+      bytes[4 * at + 2] = byteOf((heights[above + column]! - heights[below + column]!) * slope);
+      bytes[4 * at + 3] = byteOf(low[at]!);
+    }
   }
   return bytes;
 }
@@ -73,34 +73,56 @@ function byteOf(value: number): number {
   return Math.max(0, Math.min(255, Math.round(128 + 127 * value)));
 }
 
-function octaves(seed: number, cells: number, count: number, gain: number, shape: (value: number) => number) {
-  const layers = Array.from({ length: count }, (_, octave) => gradientNoise(seed + octave, cells * 2 ** octave));
-  const sum = (upTo: number): Field => {
-    return (u, v) =>
-      layers.slice(0, upTo).reduce((height, layer, octave) => height + shape(layer(u, v)) * gain ** octave, 0);
-  };
-  return { all: sum(count), coarse: sum(2) };
+/** Octaves over a lattice of `cells` by `cells`, each twice as fine and `gain` times as high as the one before. */
+function octaves(seed: number, cells: number, count: number, gain: number, shape: (value: number) => number): Heights {
+  const all = new Float32Array(NOISE_SIZE * NOISE_SIZE);
+  let coarse = all;
+  for (let octave = 0; octave < count; octave++) {
+    addGradientNoise(all, seed + octave, cells * 2 ** octave, gain ** octave, shape);
+    if (octave === 1) {
+      coarse = all.slice();
+    }
+  }
+  return { all, coarse };
 }
 
-/** Gradient noise over a lattice of `cells` by `cells`, with the fifth-order fade. */
-function gradientNoise(seed: number, cells: number): Field {
+/** Gradient noise with the fifth-order fade. */
+function addGradientNoise(
+  sum: Float32Array,
+  seed: number,
+  cells: number,
+  height: number,
+  shape: (value: number) => number,
+): void {
   const random = randomOf(seed * 7919 + cells);
-  const gradients = Array.from({ length: cells * cells }, () => {
+  const gradients = new Float32Array(2 * cells * cells);
+  for (let at = 0; at < cells * cells; at++) {
     const angle = 2 * Math.PI * random();
-    return [Math.cos(angle), Math.sin(angle)] as const;
-  });
-  const corner = (column: number, row: number, x: number, y: number) => {
-    const [along, up] = gradients[(row % cells) * cells + (column % cells)]!;
-    return along * x + up * y;
-  };
-  return (u, v) => {
-    const [column, row] = [Math.floor(u * cells), Math.floor(v * cells)];
-    const [x, y] = [u * cells - column, v * cells - row];
-    const [fx, fy] = [fade(x), fade(y)];
-    const low = mix(corner(column, row, x, y), corner(column + 1, row, x - 1, y), fx);
-    const high = mix(corner(column, row + 1, x, y - 1), corner(column + 1, row + 1, x - 1, y - 1), fx);
-    return mix(low, high, fy);
-  };
+    gradients[2 * at] = Math.cos(angle);
+    gradients[2 * at + 1] = Math.sin(angle);
+  }
+  for (let row = 0; row < NOISE_SIZE; row++) {
+    const v = (row / NOISE_SIZE) * cells;
+    const low = Math.floor(v);
+    const [y, lowRow, highRow] = [v - low, low * cells, ((low + 1) % cells) * cells];
+    const fy = fade(y);
+    for (let column = 0; column < NOISE_SIZE; column++) {
+      const u = (column / NOISE_SIZE) * cells;
+      const left = Math.floor(u);
+      const x = u - left;
+      const right = (left + 1) % cells;
+      const [a, b, c, d] = [2 * (lowRow + left), 2 * (lowRow + right), 2 * (highRow + left), 2 * (highRow + right)];
+      const fx = fade(x);
+      const below = mix(gradients[a]! * x + gradients[a + 1]! * y, gradients[b]! * (x - 1) + gradients[b + 1]! * y, fx);
+      const above = mix(
+        gradients[c]! * x + gradients[c + 1]! * (y - 1),
+        gradients[d]! * (x - 1) + gradients[d + 1]! * (y - 1),
+        fx,
+      );
+      const at = row * NOISE_SIZE + column;
+      sum[at] = sum[at]! + height * shape(mix(below, above, fy));
+    }
+  }
 }
 
 function fade(x: number): number {
