@@ -83,6 +83,12 @@ export class Look {
   private readonly drawnMaps = [-Infinity, -Infinity, -Infinity];
   private anchor = "";
 
+  /** What the maps show is no longer so: chunks have changed, or the graphics card has lost them. */
+  private readonly outdate = () => {
+    this.shadows.outdate();
+    this.openness.outdate();
+  };
+
   /** @param quality by default what the address asks for (`?quality=high`), or what the graphics card is up to */
   constructor(
     private readonly renderer: WebGLRenderer,
@@ -128,6 +134,7 @@ export class Look {
       quality: this.quality,
     });
     this.views = viewMaterials(this.cellUnits);
+    renderer.domElement.addEventListener("webglcontextrestored", this.outdate);
   }
 
   /** The same for all chunks of a view; already `placed`. */
@@ -193,6 +200,7 @@ export class Look {
   }
 
   dispose(): void {
+    this.renderer.domElement.removeEventListener("webglcontextrestored", this.outdate);
     this.sky.dispose();
     this.shadows.dispose();
     this.openness.dispose();
@@ -231,8 +239,7 @@ export class Look {
     this.surveyedAt.copy(camera.position);
     if (!isSame) {
       this.scene.updateMatrixWorld();
-      this.shadows.outdate();
-      this.openness.outdate();
+      this.outdate();
     }
     this.survey = surveyOf(isSame && this.survey ? this.survey.chunks : chunksOf(this.scene), camera.position);
   }
