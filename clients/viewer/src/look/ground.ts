@@ -69,7 +69,7 @@ export function groundMaterial(parts: GroundParts): ShaderMaterial {
     radius: { value: radius ?? 0 },
     voxelSize: { value: parts.voxelSize },
   };
-  const defines: Record<string, number | string> = { DRYER: "0.0" };
+  const defines: Record<string, number | string> = { DRYER: "0.0", AIR_STEPS: quality === "high" ? 5 : 2 };
   if (radius !== null) {
     defines["PLANET"] = 1;
     defines["DRYER"] = "0.02";
@@ -199,6 +199,9 @@ void main() {
   dx = dFdx(place);
   dy = dFdy(place);
   vec3 weights = sides(normal);
+#ifndef FINE
+  weights = step(vec3(max(weights.x, max(weights.y, weights.z))), weights);
+#endif
 
   // a texture is no longer seen where its period is a few pixels: what is left of it would only repeat
   float pixel = max(length(dx), length(dy));
@@ -301,7 +304,7 @@ void main() {
 #ifdef PLANET
   vec3 added;
   vec3 through;
-  scatter(cameraPosition - airCentre, -view, far, 5, added, through);
+  scatter(cameraPosition - airCentre, -view, far, AIR_STEPS, added, through);
   float clear = 0.45 + 0.15 * smoothstep(0.1, 0.8, length(cameraPosition - airCentre) / airShape.x - 1.0);
   colour = colour * mix(through, vec3(1.0), clear) + added * (1.0 - clear);
 #else

@@ -111,7 +111,7 @@ export class Look {
       middle: { value: new Vector3() },
       visibility: { value: VISIBILITY_FIRST },
     };
-    const anisotropy = Math.min(8, renderer.capabilities.getMaxAnisotropy());
+    const anisotropy = this.quality === "high" ? Math.min(8, renderer.capabilities.getMaxAnisotropy()) : 1;
     noises ??= { rock: rockNoise(1), soil: soilNoise(2) };
     this.textures = { rock: textureOf(noises.rock, anisotropy), soil: textureOf(noises.soil, anisotropy) };
     this.sky = new Sky(
