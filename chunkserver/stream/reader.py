@@ -117,13 +117,19 @@ class Reader:
         self._put(answers.resync(floor, self.scanned, epoch), self.scanned)
 
     def skip(self) -> None:
-        """Go on from the world's revision; the peer is told which chunks the edits between have made stale."""
-        ranges = list(self._missed or ())
+        """Go on from the world's revision; the peer is told which chunks the edits between have made stale.
+
+        That stands for answers to its own edits, too: it is said even if there are no such chunks where it looks.
+        """
+        ranges, is_owed = list(self._missed or ()), self._missed is not None
         while (found := self._source.matching(self.scanned, self.regions)) and found[0]:
             some, inside = found
-            ranges += [each for edit in inside if not self._is_answered(edit) for each in edit.ranges]
+            owed = [edit for edit in some if edit.client == self._client and not self._is_answered(edit)]
+            others = [edit for edit in inside if edit.client != self._client]
+            ranges += [each for edit in (*owed, *others) for each in edit.ranges]
+            is_owed |= bool(owed)
             self.scanned = some[-1].revision
-        self._missed = bounded(ranges) or None
+        self._missed = bounded(ranges) if ranges or is_owed else None
 
     def _go_on(self) -> bool:
         """Tell the next of what there is. Return whether it is worth going on."""
