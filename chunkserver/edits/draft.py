@@ -4,6 +4,7 @@ edits -> fold -> bricks of LOD 0 -> filter up -> bricks of LOD 1 -> ... -> settl
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
@@ -53,7 +54,8 @@ class Draft:
             if of.alone()[0]:
                 self._apply(run.strokes[0], of, cubes)
             else:
-                self._work(cubes, len(cubes.keys), lambda page: fold(self._arena, run, cubes, page))  # noqa: B023
+                with self._page(cubes, len(cubes.keys)) as page:
+                    fold(self._arena, run, cubes, page)
             self._boxes.append(of.boxes)
 
     def filter_up(self, lods: int) -> None:
@@ -66,7 +68,8 @@ class Draft:
             parts, levels = coarse.parts(BRICK_BITS), coarse.keys[:, 0]
             for some in self._pieces(len(parts)):
                 cubes = read_by(levels[some], parts[some])
-                self._work(cubes, len(parts[some]), lambda page: filter_up(self._arena, parts[some], cubes, page))  # noqa: B023
+                with self._page(cubes, len(parts[some])) as page:
+                    filter_up(self._arena, parts[some], cubes, page)
 
     def settled(self) -> dict[Key, Brick | None]:
         """Return all bricks that have changed, None where all has become 0."""
@@ -81,14 +84,14 @@ class Draft:
         wide = met(cubes.keys[:1, 0], around[None], BRICK_BITS)
         box = Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
         deltas = np.empty(box.shape, np.int32)
-        self._work(wide, 0, lambda page: page.read(self._arena, wide.grids, around, deltas.reshape(-1)))
+        with self._page(wide, 0) as page:
+            page.read(self._arena, wide.grids, around, deltas.reshape(-1))
         if isinstance(stroke, Delta):
             new = deltas + stroke.deltas()[box.part_of(stroke.box)]
         else:
             new = drawn(of, self._field(box), deltas)
-        self._work(
-            cubes, len(cubes.keys), lambda page: page.write(self._arena, cubes.grids, of.boxes[0], new.reshape(-1))
-        )
+        with self._page(cubes, len(cubes.keys)) as page:
+            page.write(self._arena, cubes.grids, of.boxes[0], new.reshape(-1))
 
     def _pieces(self, bricks: int) -> Iterator[slice]:
         """Yield coarser bricks so many at a time that there is room for those which they read, whatever is there."""
@@ -96,8 +99,9 @@ class Draft:
         for first in range(0, bricks, at_once):
             yield slice(first, min(first + at_once, bricks))
 
-    def _work(self, cubes: Cubes, changes: int, work: Callable[[Page], None]) -> None:
-        """Have bricks read, and at most so many changed. Raises `StoreFull` if there is no room."""
+    @contextmanager
+    def _page(self, cubes: Cubes, changes: int) -> Iterator[Page]:
+        """Hold bricks to be read, of which at most so many change. Raises `StoreFull` if there is no room."""
         own, keys = self._own, cubes.places()
         owned = [own.get(key) for key in keys]
         held = [
@@ -105,7 +109,7 @@ class Draft:
         ]
         spare = self._arena.take(min(changes, owned.count(None)))
         page = Page.of(held, [mine is not None for mine in owned], spare)
-        work(page)
+        yield page
         if page.used[0]:
             fresh = {each.slot: each for each in spare[: int(page.used[0])]}
             for key, slot, mine in zip(keys, page.slots.tolist(), owned, strict=True):
