@@ -52,6 +52,7 @@ class Waiting:
         self._all[self._last : end] = boxes
         self._last = end
         self._sum += bricks
+        self._has_news = True
         if self._counted is not None:
             self._counted += bricks
 
@@ -67,7 +68,7 @@ class Waiting:
         self._leave(bricks)
 
     def count(self) -> None:
-        """Find out how many bricks they want, unless that was done since an edit left, or it would take too long."""
+        """Find out how many bricks they want, unless they are those of the last time, or it would take too long."""
         boxes = self.boxes
         if self._has_news and len(boxes) <= COUNTED_MAX:
             self._has_news, self._counted = False, len(bricks_met(boxes, self._levels).keys)

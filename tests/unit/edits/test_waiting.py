@@ -80,4 +80,4 @@ def test_counting_takes_little(monkeypatch):
         waiting.leave(box, 1)
     for _ in range(3):
         waiting.count()
-    assert counted == [10], "nobody has left since"
+    assert counted == [10], "nothing has changed since"
