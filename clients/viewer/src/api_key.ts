@@ -4,8 +4,10 @@ import { element } from "./element.js";
 
 const KEPT_AS = "chunkserver.key";
 
+/** Null without one that a header can have. */
 export function apiKey(): string | null {
-  return sessionStorage.getItem(KEPT_AS);
+  const key = sessionStorage.getItem(KEPT_AS);
+  return key !== null && /^[!-~]+$/.test(key) ? key : null;
 }
 
 /** Shows where a key can be entered; with another one, the page begins anew. */

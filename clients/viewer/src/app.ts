@@ -61,8 +61,8 @@ export class App {
   private linkedAt = -Infinity;
   private before = performance.now();
   private isStriking = false;
-  /** What is done when the server is back. */
-  private again = () => {};
+  /** What is done when the server is back; null goes on with the world that is shown. */
+  private reopen: (() => void) | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -114,18 +114,21 @@ export class App {
 
   /** Digs or builds where the crosshair is. Returns whether there was anything. */
   async strike(op: "carve" | "fill"): Promise<boolean> {
-    if (this.session === null || this.isStriking) {
+    const { session } = this;
+    if (session === null || this.isStriking) {
       return false;
     }
     this.isStriking = true;
     try {
-      const isHit = await this.session.strike(op, Number(this.radius.value));
+      const isHit = await session.strike(op, Number(this.radius.value));
       if (!isHit) {
         this.notice.say("Nothing within reach.");
       }
       return isHit;
     } catch (error) {
-      this.failed(error);
+      if (session === this.session) {
+        this.failed(error);
+      }
       return false;
     } finally {
       this.isStriking = false;
@@ -193,6 +196,7 @@ export class App {
         const { position, ahead } = startOf(name, shape);
         return { position: link.position ?? position, ahead: link.ahead ?? ahead };
       };
+      this.session = null; // what is disposed of is drawn no more, even if there is no other
       const session = new Session(this.renderer, this.client, world, start, innerHeight, (error) => this.failed(error));
       this.session = session;
       this.setWalking(link.isWalking);
@@ -204,7 +208,13 @@ export class App {
       this.notice.hold(null);
     } catch (error) {
       if (number === this.opening) {
-        this.failed(error, () => void this.show(link));
+        this.failed(error, () => (number === this.opening ? void this.show(link) : this.resume()));
+        if (this.session === null) {
+          await this.client.recipes().then(
+            (recipes) => this.session ?? this.chooser.offer(recipes),
+            () => {}, // then there is nothing to choose from
+          );
+        }
       }
     }
   }
@@ -247,7 +257,10 @@ export class App {
     this.frameMs += (performance.now() - now - this.frameMs) * 0.1;
     if (now - this.shownAt > FIGURES_MS) {
       this.shownAt = now;
-      void this.client.traffic().then((traffic) => (this.traffic = traffic));
+      this.client.traffic().then(
+        (traffic) => (this.traffic = traffic),
+        () => {}, // the worker has failed: whoever asks it for chunks says so
+      );
       if (this.figures.isShown) {
         this.showFigures(session);
       }
@@ -311,15 +324,20 @@ export class App {
     }
   }
 
-  /** Says what is wrong; where the server is away, waits until it is back. again: what then is to be done */
-  private failed(error: unknown, again: () => void = () => this.resume()): void {
+  /**
+   * Says what is wrong; where the server is away, waits until it is back; where the world is not what it was, shows what
+   * it is now.
+   *
+   * @param reopen of a world that could not be opened: tries that once more
+   */
+  private failed(error: unknown, reopen: (() => void) | null = null): void {
     const isGone = error instanceof StreamEnded && !KEEPS_OUT.has(error.code);
     if (error instanceof Unreachable || error instanceof Unavailable || error instanceof TypeError) {
-      void this.wait(error, again);
-    } else if (isGone || error instanceof Gone || (error instanceof NotFound && this.session !== null)) {
-      const { pose, motion } = this.session!;
+      void this.wait(error, reopen);
+    } else if (reopen === null && this.session !== null && (isGone || isOver(error))) {
+      const { pose, motion } = this.session;
       const [source, isWalking] = [this.source, motion.isWalking];
-      this.session!.terrain.stop();
+      this.session.terrain.stop();
       void this.show({ source, position: pose.position, ahead: pose.ahead, isWalking, view: this.view });
     } else if (error instanceof NotAllowed || error instanceof StreamEnded) {
       askForKey();
@@ -329,8 +347,8 @@ export class App {
     }
   }
 
-  private async wait(error: unknown, again: () => void): Promise<void> {
-    this.again = again;
+  private async wait(error: unknown, reopen: (() => void) | null): Promise<void> {
+    this.reopen = reopen ?? this.reopen;
     if (this.isAway) {
       return;
     }
@@ -344,7 +362,9 @@ export class App {
     }
     this.isAway = false;
     this.notice.hold(null);
-    this.again();
+    const again = this.reopen ?? (() => this.resume());
+    this.reopen = null;
+    again();
   }
 
   /** What is wrong with the server; null if it can build chunks. */
@@ -361,6 +381,11 @@ export class App {
   }
 }
 
+/** Whether the server no longer has what was shown. */
+function isOver(error: unknown): boolean {
+  return error instanceof Gone || error instanceof NotFound;
+}
+
 function isSame(one: Source, other: Source): boolean {
   return one.kind === "world"
     ? other.kind === "world" && one.id === other.id
@@ -368,5 +393,5 @@ function isSame(one: Source, other: Source): boolean {
 }
 
 function optionsOf(key: string | null): ClientOptions {
-  return key === null || !/^[!-~]+$/.test(key) ? { retry: RETRY } : { retry: RETRY, apiKey: key };
+  return key === null ? { retry: RETRY } : { retry: RETRY, apiKey: key };
 }

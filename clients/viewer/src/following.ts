@@ -27,7 +27,9 @@ export class Following {
   private opening: Promise<EditStream> | null = null;
   private digging: Promise<WorldDescriptor> | null = null;
   private timer: ReturnType<typeof setTimeout> | undefined;
+  /** Until it is resumed. */
   private isStopped = false;
+  private isClosed = false;
   private liveAt = performance.now();
 
   /** failed: told when others cannot be heard; `resume` tries again. */
@@ -47,7 +49,9 @@ export class Following {
     const stream = await this.streamOf(world).catch(() => null);
     const { stale, revision } = await (stream?.edit(strokes) ?? this.client.edit(world, strokes));
     this.terrain.outdate(stale);
-    this.known(revision);
+    if (stream !== null) {
+      this.known(revision); // without a stream there may be edits before it that nobody has told of
+    }
   }
 
   /** Once a frame: takes what others have done. */
@@ -79,7 +83,7 @@ export class Following {
   }
 
   stop(): void {
-    this.isStopped = true;
+    this.isStopped = this.isClosed = true;
     clearTimeout(this.timer);
     this.stream?.close();
   }
@@ -153,12 +157,17 @@ export class Following {
   private async open(world: WorldDescriptor): Promise<EditStream> {
     const retry = { secondsMax: OPEN_SECONDS, backoffSecondsMax: 1 };
     const stream = await EditStream.open(this.client, world, randomName(), { retry });
-    if (this.isStopped) {
+    try {
+      await this.catchUp(world);
+    } catch (error) {
+      stream.close();
+      throw error;
+    }
+    if (this.isClosed) {
       stream.close();
     }
     this.liveAt = performance.now();
     this.stream = stream;
-    await this.catchUp(world);
     return stream;
   }
 

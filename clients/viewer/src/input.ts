@@ -119,8 +119,7 @@ export class Input {
   }
 
   private keyDown(event: KeyboardEvent): void {
-    const isOurs = event.target === document.body || event.target === this.canvas;
-    if (!isOurs || event.ctrlKey || event.metaKey || event.altKey) {
+    if (!this.isOurs(event) || event.ctrlKey || event.metaKey || event.altKey) {
       return;
     }
     const { code } = event;
@@ -135,6 +134,12 @@ export class Input {
       return;
     }
     event.preventDefault();
+  }
+
+  /** Whether a key is for the world: of the buttons around it, those that no button has a use for are as well. */
+  private isOurs({ target, code }: KeyboardEvent): boolean {
+    const isAround = target instanceof Element && target.closest("header, footer, #touch") !== null;
+    return target === document.body || target === this.canvas || (isAround && /^(Key|Shift|Digit)/.test(code));
   }
 
   private press({ code, key, repeat }: KeyboardEvent): boolean {

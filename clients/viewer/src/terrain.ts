@@ -224,7 +224,7 @@ export class Terrain {
     for (const name of fresh.keys()) {
       missing += this.ready.has(name) ? 0 : 1;
     }
-    return { old: [...old.keys()], fresh, missing };
+    return { old: Array.from(old.values(), chunkName), fresh, missing };
   }
 
   /** Does the steps whose chunks have all come. */

@@ -13,25 +13,30 @@ export interface Swap {
 /**
  * The steps from what is drawn to what is wanted: the smallest that leave no hole, in any order.
  *
- * Each is done when all chunks of `new` have come. Both sets are selections, or what steps have made of one.
+ * Each is done when all chunks of `new` have come. Both sets are selections, or what steps have made of one. A chunk
+ * that is out of date has another name in `drawn` than its `chunkName`: so it counts as changed, and is among the old
+ * under that name.
  */
 export function swaps(drawn: ChunkSet, wanted: ChunkSet): Swap[] {
-  const changed = new Map<string, FittedChunk[]>();
-  for (const [set, other] of [
-    [drawn, wanted],
-    [wanted, drawn],
-  ] as const) {
-    for (const [name, chunk] of set) {
-      if (!other.has(name)) {
-        const key = keyName(chunk);
-        changed.set(key, [...(changed.get(key) ?? []), chunk]);
-      }
+  const gone = changes(drawn, wanted);
+  const come = changes(wanted, drawn);
+  const keys = new Set([...gone.keys(), ...come.keys()]);
+  return groups(keys, (key) => (gone.get(key) ?? come.get(key)!)[0]![1]).map((group) => ({
+    old: new Map(group.flatMap((key) => gone.get(key) ?? [])),
+    new: new Map(group.flatMap((key) => come.get(key) ?? [])),
+  }));
+}
+
+/** What a set has and the other has not, by `keyName`. */
+function changes(set: ChunkSet, other: ChunkSet): Map<string, [name: string, chunk: FittedChunk][]> {
+  const found = new Map<string, [string, FittedChunk][]>();
+  for (const entry of set) {
+    if (!other.has(entry[0])) {
+      const key = keyName(entry[1]);
+      found.set(key, [...(found.get(key) ?? []), entry]);
     }
   }
-  return groups(changed.keys(), (key) => changed.get(key)![0]!).map((keys) => {
-    const chunks = keys.flatMap((key) => changed.get(key)!);
-    return { old: among(chunks, drawn), new: among(chunks, wanted) };
-  });
+  return found;
 }
 
 /**

@@ -118,6 +118,18 @@ test("a swap has what goes and what comes", () => {
   );
 });
 
+for (const [what, wanted] of Object.entries({ "as it was": [1, 0], "with another mask": [1, 0, 2], finer: [0, 1] })) {
+  test(`a chunk that is out of date goes under the name that it was given, when it is wanted ${what}`, () => {
+    const [lod, x, coarser = 0] = wanted as [number, number, number?];
+    const [old, fresh] = [
+      { lod: 1, x: 0, y: 0, z: 0, coarser: 0 },
+      { lod, x, y: 0, z: 0, coarser },
+    ];
+    const [swap, ...others] = swaps(new Map([["stale", old]]), new Map([[chunkName(fresh), fresh]]));
+    assert.deepEqual([[...swap!.old], [...swap!.new], others], [[["stale", old]], [[chunkName(fresh), fresh]], []]);
+  });
+}
+
 for (const [name, view] of Object.entries<ViewOptions>({
   errorPixels: { errorPixels: 0 },
   screenPixels: { screenPixels: NaN },

@@ -81,7 +81,8 @@ export class Look {
   private signature = -1;
   private surveyedAt = new Vector3(Infinity, 0, 0);
   private readonly drawnMaps = [-Infinity, -Infinity, -Infinity];
-  private anchor = "";
+  /** Voxels. */
+  private anchor: readonly [number, number, number] | null = null;
 
   /** What the maps show is no longer so: chunks have changed, or the graphics card has lost them. */
   private readonly outdate = () => {
@@ -221,10 +222,13 @@ export class Look {
     if (!isPlanet) {
       this.air.airCentre.value.y -= this.air.airShape.value[0];
     }
-    const name = anchor.join();
-    if (name !== this.anchor) {
-      this.anchor = name;
+    const before = this.anchor ?? anchor;
+    const by = new Vector3(...before.map((voxel, axis) => (voxel - anchor[axis]!) * voxelSize));
+    if (this.anchor === null || by.lengthSq() > 0) {
+      this.anchor = [...anchor];
       this.signature = -1;
+      this.shadows.move(by);
+      this.openness.move(by);
     }
   }
 

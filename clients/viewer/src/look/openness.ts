@@ -125,6 +125,12 @@ export class Openness {
     this.isStale = true;
   }
 
+  /** Keeps the map where it is in the world: `by` is where the scene's origin was. */
+  move(by: Vector3): void {
+    this.middle.add(by);
+    this.uniforms.heightsMatrix.value.multiply(new Matrix4().makeTranslation(by.clone().negate()));
+  }
+
   /** Draws the map if it is out of date; returns whether it was. */
   update(renderer: WebGLRenderer, { focus, voxel, draw }: Sight, up: Vector3): boolean {
     const half = HALF_VOXELS * voxel;

@@ -122,6 +122,12 @@ class ShadowMap {
     return this.isStale || half !== this.half || !(this.middle.distanceTo(middle) < half * MOVED);
   }
 
+  /** The scene's origin is elsewhere by now: `by` is where it was. */
+  move(by: Vector3): void {
+    this.middle.add(by);
+    this.matrix.multiply(new Matrix4().makeTranslation(by.clone().negate()));
+  }
+
   /** origin: a point of the scene that stays where it is in the world. depth: how far shadows are cast from. */
   place(middle: Vector3, half: number, depth: number, sun: Vector3, origin: Vector3): void {
     this.isStale = false;
@@ -183,6 +189,12 @@ export class Shadows {
   /** Chunks, the sun or the origin have changed. */
   outdate(): void {
     this.near.isStale = this.far.isStale = true;
+  }
+
+  /** Keeps shadows where they are in the world: `by` is where the scene's origin was. */
+  move(by: Vector3): void {
+    this.near.move(by);
+    this.far.move(by);
   }
 
   /**

@@ -1,0 +1,2 @@
+import "./look.test.mjs";
+import "./terrain.test.mjs";
