@@ -82,6 +82,7 @@ export class Session {
       centre: shape.centre === null ? null : [...shape.centre],
       radius: shape.radius,
     });
+    void this.look.isDetailed.then(() => this.touch());
     const { lods, ...view } = extent;
     const shown = { ...world, lods, geometricErrors: errorsOf(world, lods) };
     const options = {

@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { Vector3 } from "three";
 
-import { NOISE_SIZE, rockNoise, soilNoise } from "../src/look/noise.ts";
+import { NOISE_SIZE, inTasks, rockNoise, soilNoise } from "../src/look/noise.ts";
 import { LEVELS, groundOf, srgb } from "../src/look/palette.ts";
 import { PERIOD, TURNS, periodOf, remainder } from "../src/look/period.ts";
 import { qualityOf } from "../src/look/quality.ts";
@@ -103,8 +103,8 @@ test("the sun is up wherever the viewer is, and stays while they stay", () => {
   }
 });
 
-test("noise repeats without an edge, and is as light as dark", () => {
-  for (const bytes of [soilNoise(2), rockNoise(1)]) {
+test("noise repeats without an edge, and is as light as dark", async () => {
+  for (const bytes of [await inTasks(soilNoise(2)), await inTasks(rockNoise(1))]) {
     const at = (column, row) => bytes[4 * (row * NOISE_SIZE + column)];
     let [edge, within, sum] = [0, 0, 0];
     for (let row = 0; row < NOISE_SIZE; row++) {
@@ -117,4 +117,12 @@ test("noise repeats without an edge, and is as light as dark", () => {
     assert.ok(edge < 2 * within, `${edge} and ${within}`);
     assert.ok(Math.abs(sum / NOISE_SIZE ** 2 - 128) < 1);
   }
+});
+
+test("noise is made octave by octave, and other tasks have their turn", async () => {
+  let turns = 0;
+  const timer = setInterval(() => (turns += 1), 0);
+  await inTasks(rockNoise(1));
+  clearInterval(timer);
+  assert.ok(turns >= 3, `${turns} turns`);
 });

@@ -25,7 +25,7 @@ import {
 import { airUniforms, type AirUniforms } from "./air.js";
 import { STREETS_PERIOD } from "./city.js";
 import { groundMaterial, type GroundUniforms } from "./ground.js";
-import { rockNoise, soilNoise, textureOf } from "./noise.js";
+import { fill, inTasks, noNoise, rockNoise, soilNoise, textureOf } from "./noise.js";
 import { Openness } from "./openness.js";
 import { groundOf } from "./palette.js";
 import { remainder } from "./period.js";
@@ -61,10 +61,21 @@ const SHADOW_SIZE = 2048;
 const MAP_EACH_MS = 120;
 
 /** The same for all worlds: made for the first. */
-let noises: { readonly rock: Uint8Array; readonly soil: Uint8Array } | null = null;
+let noises: Promise<Noises> | null = null;
+
+interface Noises {
+  readonly rock: Uint8Array;
+  readonly soil: Uint8Array;
+}
+
+async function makeNoises(): Promise<Noises> {
+  return { rock: await inTasks(rockNoise(1)), soil: await inTasks(soilNoise(2)) };
+}
 
 export class Look {
   readonly quality: Quality;
+  /** Resolves when the ground has its noise: the picture is another one then. */
+  readonly isDetailed: Promise<void>;
   private view: View = "shaded";
   private readonly air: AirUniforms;
   private readonly sky: Sky;
@@ -113,8 +124,12 @@ export class Look {
       visibility: { value: VISIBILITY_FIRST },
     };
     const anisotropy = this.quality === "high" ? Math.min(8, renderer.capabilities.getMaxAnisotropy()) : 1;
-    noises ??= { rock: rockNoise(1), soil: soilNoise(2) };
-    this.textures = { rock: textureOf(noises.rock, anisotropy), soil: textureOf(noises.soil, anisotropy) };
+    this.textures = { rock: textureOf(noNoise(), anisotropy), soil: textureOf(noNoise(), anisotropy) };
+    noises ??= makeNoises();
+    this.isDetailed = noises.then(({ rock, soil }) => {
+      fill(this.textures.rock, rock);
+      fill(this.textures.soil, soil);
+    });
     this.sky = new Sky(
       scene,
       this.air,

@@ -1,4 +1,4 @@
-/** Noise for the ground, made at start: a height that repeats, and its slope. */
+/** Noise for the ground, made at start, octave by octave: a height that repeats, and its slope. */
 
 import {
   DataTexture,
@@ -15,19 +15,38 @@ interface Heights {
   readonly coarse: Float32Array;
 }
 
+/** Noise under way: of each texel four bytes, in the end. */
+type Making = Generator<undefined, Uint8Array, undefined>;
+
 /** Texels a side. */
 export const NOISE_SIZE = 256;
 /** What a slope of 1, as bytes have it, is in heights per period. */
 export const SLOPE_MAX = 24;
 
 /** Soft and grainy, of soil and grass: octaves of gradient noise. */
-export function soilNoise(seed: number): Uint8Array {
-  return bytesOf(octaves(seed, 5, 6, 0.62, (value) => value));
+export function* soilNoise(seed: number): Making {
+  return bytesOf(yield* octaves(seed, 5, 6, 0.62, (value) => value));
 }
 
 /** With ridges and cracks, of rock: octaves of noise that is folded where it changes sign. */
-export function rockNoise(seed: number): Uint8Array {
-  return bytesOf(octaves(seed, 4, 6, 0.55, (value) => 0.7 - 1.9 * Math.abs(value)));
+export function* rockNoise(seed: number): Making {
+  return bytesOf(yield* octaves(seed, 4, 6, 0.55, (value) => 0.7 - 1.9 * Math.abs(value)));
+}
+
+/** Makes it in as many tasks as it has octaves: frames are drawn in between. */
+export async function inTasks(making: Making): Promise<Uint8Array> {
+  for (;;) {
+    const step = making.next();
+    if (step.done === true) {
+      return step.value;
+    }
+    await new Promise((resolve) => setTimeout(resolve));
+  }
+}
+
+/** Ground without any noise, to be seen before there is some. */
+export function noNoise(): Uint8Array {
+  return new Uint8Array(4 * NOISE_SIZE * NOISE_SIZE).fill(byteOf(0));
 }
 
 /** As a texture with all its mip levels: further away it fades to its mean by itself. */
@@ -40,6 +59,12 @@ export function textureOf(bytes: Uint8Array, anisotropy: number): DataTexture {
   texture.anisotropy = anisotropy;
   texture.needsUpdate = true;
   return texture;
+}
+
+/** Shows other bytes from now on. */
+export function fill(texture: DataTexture, bytes: Uint8Array): void {
+  texture.image.data!.set(bytes);
+  texture.needsUpdate = true;
 }
 
 /** Height, slope along u, slope along v, and the height without its finer octaves; each centred at 128. */
@@ -74,7 +99,13 @@ function byteOf(value: number): number {
 }
 
 /** Octaves over a lattice of `cells` by `cells`, each twice as fine and `gain` times as high as the one before. */
-function octaves(seed: number, cells: number, count: number, gain: number, shape: (value: number) => number): Heights {
+function* octaves(
+  seed: number,
+  cells: number,
+  count: number,
+  gain: number,
+  shape: (value: number) => number,
+): Generator<undefined, Heights, undefined> {
   const all = new Float32Array(NOISE_SIZE * NOISE_SIZE);
   let coarse = all;
   for (let octave = 0; octave < count; octave++) {
@@ -82,6 +113,7 @@ function octaves(seed: number, cells: number, count: number, gain: number, shape
     if (octave === 1) {
       coarse = all.slice();
     }
+    yield;
   }
   return { all, coarse };
 }
