@@ -14,6 +14,7 @@ from fastapi import APIRouter, Path, Request, Response
 from fastapi.responses import HTMLResponse
 from starlette.exceptions import HTTPException
 
+from chunkserver.errors import BadParameter
 from chunkserver.server.accept import preferred_coding
 from chunkserver.server.chunks import IMMUTABLE, REVALIDATE
 from chunkserver.server.etag import body_etag, is_known
@@ -56,7 +57,7 @@ router: Final = APIRouter(tags=["operations"])
     responses={
         200: {"description": "A page for people.", "headers": _HEADERS},
         **_NOT_MODIFIED,
-        **problem_responses(),
+        **problem_responses(BadParameter),
     },
 )
 async def viewer(request: Request, if_none_match: IfNoneMatch = ()) -> Response:
@@ -72,7 +73,7 @@ async def viewer(request: Request, if_none_match: IfNoneMatch = ()) -> Response:
     responses={
         200: {"description": "A script, or a style.", "content": {}, "headers": _HEADERS},
         **_NOT_MODIFIED,
-        **problem_responses(404),
+        **problem_responses(404, BadParameter),
     },
 )
 async def asset(
