@@ -134,6 +134,7 @@ def test_one_worker_each_second_and_nobody_notices(tmp_path, number):
         left, memory = in_use(load.server)
         began = time.monotonic()
         for second in range(1, SECONDS + 1):
+            load.wait_for_all()
             send_to_a_worker(load.server, number)
             until(partial(passed, began + second), PATIENCE_SECONDS)
         until(
