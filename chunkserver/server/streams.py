@@ -101,13 +101,18 @@ class Streams:
     async def _tick(self) -> None:
         """Tick while anybody is connected."""
         while self.connections:
-            for _, stream in tuple(self._streams.values()):
-                stream.tick()
+            for epoch, (world, stream) in tuple(self._streams.items()):
+                try:
+                    stream.tick()
+                except Exception:  # noqa: BLE001 - whatever it was: the streams of other worlds go on
+                    _log.exception("the stream of world %s ends", world.id)
+                    self._streams.pop(epoch, None)
+                    stream.close(closing.FAILED)
             await asyncio.sleep(limits.TICK_SECONDS)
             self._streams = {epoch: found for epoch, found in self._streams.items() if len(found[1])}
 
-    def _do(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.ensure_future(work)
+    def _do(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(_done(connection, work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -121,22 +126,22 @@ class _Journal:
         editing: Editing,
         store: Store,
         readers: Container[Connection],
-        do: Callable[[Coroutine[Any, Any, None]], None],
+        do: Callable[[Connection, Coroutine[Any, Any, None]], None],
     ) -> None:
-        """readers: connections that may not edit. do: runs something in a task."""
+        """readers: connections that may not edit. do: runs something for a connection in a task."""
         self._world, self._editing, self._log, self._readers, self._do = world, editing, store.log, readers, do
 
     def introduce(self, connection: Connection, client: str) -> None:
         """Look up the client's highest seq, and the floor."""
-        self._do(self._introduce(connection, client))
+        self._do(connection, self._introduce(connection, client))
 
     def submit(self, connection: Connection, client: str, seq: int, strokes: list[Any]) -> None:
         """Write an edit."""
-        self._do(self._submit(connection, client, seq, strokes))
+        self._do(connection, self._submit(connection, client, seq, strokes))
 
     def replay(self, connection: Connection, after: int) -> None:
         """Read the edits behind a revision, some at once."""
-        self._do(self._replay(connection, after))
+        self._do(connection, self._replay(connection, after))
 
     async def _introduce(self, connection: Connection, client: str) -> None:
         epoch, log = self._world.epoch, self._log
@@ -176,6 +181,15 @@ class _Journal:
                 [StreamEdit(each.revision, each.strokes, each.stale, cells, each.client, each.seq) for each in found],
                 floor,
             )
+
+
+async def _done(connection: Connection, work: Coroutine[Any, Any, None]) -> None:
+    """Have something done for a connection. Whoever waits for what is never answered asks again on another one."""
+    try:
+        await work
+    except Exception:  # noqa: BLE001 - whatever it was: without a word the peer would wait for ever
+        _log.exception("a stream of edits ends")
+        connection.close(closing.FAILED)
 
 
 def _fail(connection: Connection, error: ChunkError) -> None:

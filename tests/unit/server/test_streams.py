@@ -115,6 +115,49 @@ def test_a_stream_that_misses_an_edit_ends_and_who_resumes_gets_it(monkeypatch, 
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
+def test_an_edit_that_fails_for_no_known_reason_ends_the_connection(monkeypatch, caplog):
+    async def fails(*_, **__):
+        raise RuntimeError("nobody knows why")
+
+    async def scenario():
+        async with editing() as (edits, world):
+            streams = Streams(edits, edits._store)
+            first = await connected(streams, world)
+            monkeypatch.setattr(edits, "take", fails)
+            first.received(json.dumps({"type": "edit", "seq": 1, "strokes": json.loads(ball().source)}))
+            await until(lambda: first.closing)
+            assert first.closing == closing.FAILED
+            await streams.close()
+
+    run(scenario)
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
+def test_a_stream_that_cannot_tick_ends_alone(monkeypatch, caplog):
+    async def scenario():
+        async with editing() as (edits, world):
+            streams = Streams(edits, edits._store)
+            first = await connected(streams, world)
+            ((_, broken),) = streams._streams.values()
+            ticks, real = [], Stream.tick
+
+            def tick(stream):
+                if stream is broken:
+                    raise RuntimeError("no time")
+                ticks.append(stream)
+                real(stream)
+
+            monkeypatch.setattr(Stream, "tick", tick)
+            await until(lambda: first.closing)
+            assert first.closing == closing.FAILED
+            await connected(streams, world)
+            await until(lambda: len(ticks) > 1)
+            await streams.close()
+
+    run(scenario)
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
 def test_a_world_that_goes_closes_its_stream():
     async def scenario():
         async with editing() as (edits, world):
