@@ -69,11 +69,20 @@ export class Batch {
     }
   }
 
+  /**
+   * By which the cache knows a chunk. What is asked about each time is as new as the answer says, whatever revision was
+   * waited for: without it among the names, a tag is good for more than one edit.
+   */
+  private get named(): ChunkOptions {
+    const { minRevision, ...named } = this.options;
+    return named.revision === undefined || minRevision === undefined ? named : this.options;
+  }
+
   /** Yields what the cache has and may use without asking. */
   private async *fresh(): AsyncGenerator<ChunkMesh, void, undefined> {
     const { cache } = this.exchange;
     for (const chunk of this.chunks) {
-      const request = chunkRequest(this.world, chunk, { ...this.options, coarser: chunk.coarser });
+      const request = chunkRequest(this.world, chunk, { ...this.named, coarser: chunk.coarser });
       const entry = cache.find(request);
       if (entry !== null && cache.isFresh(entry)) {
         this.exchange.traffic.cached += 1;

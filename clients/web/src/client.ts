@@ -83,6 +83,14 @@ export interface CallOptions {
   readonly signal?: AbortSignal;
 }
 
+/** Which part of a list; all of it by default. */
+export interface ListOptions extends CallOptions {
+  /** What comes behind this id, which need not be there. */
+  readonly after?: string;
+  /** At most so many. */
+  readonly limit?: number;
+}
+
 /**
  * A client of one server.
  *
@@ -130,19 +138,16 @@ export class Client {
     return this.json(got(["v1", "worlds", id]), readWorld, signal);
   }
 
-  /** All worlds, by id. */
-  async worlds({ signal }: CallOptions = {}): Promise<ListedWorld[]> {
+  /** All worlds, by id, or a part of them. */
+  async worlds({ after, limit = Infinity, signal }: ListOptions = {}): Promise<ListedWorld[]> {
     const found: ListedWorld[] = [];
-    let page: Record<string, string> = {};
+    let page: Record<string, string> = after === undefined ? {} : { after };
     for (let pages = 0; pages < PAGES_MAX; pages++) {
-      const json = await this.json(
-        got(["v1", "worlds"], { limit: String(WORLDS_PER_PAGE), ...page }),
-        (whole) => whole,
-        signal,
-      );
+      const count = Math.min(WORLDS_PER_PAGE, limit - found.length);
+      const json = await this.json(got(["v1", "worlds"], { limit: String(count), ...page }), (whole) => whole, signal);
       found.push(...json.at("worlds").elements().map(readListedWorld));
       const next = json.get("next");
-      if (next === null) {
+      if (next === null || found.length >= limit) {
         return found;
       }
       page = { after: next.text() };

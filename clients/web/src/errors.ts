@@ -5,6 +5,7 @@
  *     |-- BadAnswer            what came is not what docs/wire and docs/api.md say
  *     |   `-- BadChunk         bytes that are no chunk: truncated, mutated, of another version
  *     |-- Unreachable          no whole answer came, however often it was asked for
+ *     |-- WorkerFailed         the worker of a `WorkerClient` is of no use any more
  *     |-- StreamEnded          a stream of edits is over, and why
  *     |-- EditLost             nobody answers this edit of a stream any more
  *     `-- Problem              the server says no, and why
@@ -36,6 +37,9 @@ export class BadChunk extends BadAnswer {}
 
 /** No whole answer came. `cause` is the last error of the connection. */
 export class Unreachable extends ClientError {}
+
+/** The worker could not be loaded, or has died. All calls of its client fail; another client may do better. */
+export class WorkerFailed extends ClientError {}
 
 const ENDS: Readonly<Record<number, string>> = {
   1009: "a frame was too large",

@@ -6,7 +6,7 @@
  */
 
 export type { BatchOptions } from "./batch.js";
-export { Client, type CallOptions, type ClientOptions, type WorldOptions } from "./client.js";
+export { Client, type CallOptions, type ClientOptions, type ListOptions, type WorldOptions } from "./client.js";
 export type { Coding } from "./coding.js";
 export { GLB_MEDIA_TYPE, MESH_MEDIA_TYPE, decode } from "./decoding.js";
 export {
@@ -35,6 +35,7 @@ export {
   StreamEnded,
   Unavailable,
   Unreachable,
+  WorkerFailed,
 } from "./errors.js";
 export type { Traffic } from "./exchange.js";
 export { LevelOfDetail, type ChunkSet, type Selection, type ViewOptions } from "./levels.js";

@@ -11,7 +11,8 @@ import type { ChunkMesh } from "./mesh.js";
 /** What both a worker and the end of a `MessageChannel` are. */
 export interface Port {
   postMessage(message: unknown, transfer: Transferable[]): void;
-  addEventListener(type: "message", listener: (event: MessageEvent) => void): void;
+  /** `error` and `messageerror` are of a worker that has failed. */
+  addEventListener(type: "message" | "error" | "messageerror", listener: (event: MessageEvent) => void): void;
 }
 
 /** Items that are sent before the other side has said that it took one. */

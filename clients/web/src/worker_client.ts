@@ -1,10 +1,10 @@
 /** A client in a worker: what is fetched is decoded there, and comes over as it is, without a copy. */
 
 import type { BatchOptions } from "./batch.js";
-import type { CallOptions, Client, ClientOptions, WorldOptions } from "./client.js";
+import type { CallOptions, Client, ClientOptions, ListOptions, WorldOptions } from "./client.js";
 import type { AnyWorld, WorldDescriptor } from "./descriptors.js";
 import type { ChunkRange, LoggedEdit, Stroke } from "./edits.js";
-import { Unreachable } from "./errors.js";
+import { ClientError, Unreachable, WorkerFailed } from "./errors.js";
 import type { ChunkKey, ChunkMesh } from "./mesh.js";
 import type { ChunkOptions, RecipeTree } from "./questions.js";
 import { unpacked, type Asked, type CallName, type Port, type Told } from "./remote.js";
@@ -27,6 +27,8 @@ export class WorkerClient implements ChunkClient {
   private readonly port: Port;
   private readonly waiting = new Map<number, Waiting>();
   private last = 0;
+  /** Why no call is answered any more. */
+  private failure: ClientError | null = null;
 
   /**
    * @param url of the server; a worker knows no relative ones
@@ -37,20 +39,14 @@ export class WorkerClient implements ChunkClient {
     this.url = url.replace(/\/+$/, "");
     this.port = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module" });
     this.port.addEventListener("message", ({ data }) => this.waiting.get((data as Told).id)?.told(data as Told));
-    if (typeof Worker !== "undefined" && this.port instanceof Worker) {
-      this.port.addEventListener("error", (event) =>
-        this.fail(new Unreachable(`the worker has failed: ${event.message}`)),
-      );
-    }
+    this.port.addEventListener("error", (event) => this.lost((event as Partial<ErrorEvent>).message));
+    this.port.addEventListener("messageerror", () => this.lost("a message could not be read"));
     this.tell({ make: [url, options] });
   }
 
-  /** Ends the worker. What is under way fails. */
+  /** Ends the worker. What is under way fails, and so does what is asked from then on. */
   close(): void {
-    if ("terminate" in this.port) {
-      (this.port as Worker).terminate();
-    }
-    this.fail(new Unreachable("the client is closed"));
+    this.end(new Unreachable("the client is closed"));
   }
 
   seed(seed: number | bigint, recipe?: string, options: CallOptions = {}) {
@@ -61,7 +57,7 @@ export class WorkerClient implements ChunkClient {
     return this.ask("world", [id], options);
   }
 
-  worlds(options: CallOptions = {}) {
+  worlds(options: ListOptions = {}) {
     return this.ask("worlds", [], options);
   }
 
@@ -122,7 +118,7 @@ export class WorkerClient implements ChunkClient {
   }
 
   outdate(world: WorldDescriptor, stale: readonly ChunkRange[] | null, revision: bigint): void {
-    void this.ask("outdate", [world, stale, revision]);
+    this.ask("outdate", [world, stale, revision]).catch(() => {}); // without a worker there is no cache either
   }
 
   /** One call that has one answer. */
@@ -132,7 +128,7 @@ export class WorkerClient implements ChunkClient {
     options: object = {},
   ): Promise<Result<Name>> {
     const { signal, ...rest } = options as CallOptions;
-    signal?.throwIfAborted();
+    this.check(signal);
     const id = ++this.last;
     const stop = () => {
       this.tell({ id, cancel: true });
@@ -159,7 +155,7 @@ export class WorkerClient implements ChunkClient {
     options: CallOptions,
   ): AsyncGenerator<Item, void, undefined> {
     const { signal, ...rest } = options;
-    signal?.throwIfAborted();
+    this.check(signal);
     const id = ++this.last;
     const arrived: Told[] = [];
     let wake = () => {};
@@ -210,9 +206,25 @@ export class WorkerClient implements ChunkClient {
     this.port.postMessage(asked, []);
   }
 
-  private fail(error: unknown): void {
+  private check(signal: AbortSignal | undefined): void {
+    signal?.throwIfAborted();
+    if (this.failure !== null) {
+      throw this.failure;
+    }
+  }
+
+  /** The worker is of no use any more. why: "" or nothing for one that could not be loaded */
+  private lost(why: string | undefined): void {
+    this.end(new WorkerFailed(`the worker has failed: ${why || "it could not be loaded"}`));
+  }
+
+  private end(error: ClientError): void {
+    this.failure ??= error;
+    if ("terminate" in this.port) {
+      (this.port as Worker).terminate();
+    }
     for (const each of [...this.waiting.values()]) {
-      each.failed(error);
+      each.failed(this.failure);
     }
   }
 }

@@ -183,6 +183,33 @@ test("an edit is in the chunks of whoever asks after it, and leaves the cache", 
   await client.deleteWorld("dug");
 });
 
+test("a tag is good for whoever waits for another revision", async () => {
+  const { client } = counting();
+  const world = await client.createWorld("waited", 42, "hills", { lods: 3 });
+  const keys: ChunkKey[] = [-1, 0].map((y) => ({ lod: 0, x: 0, y, z: 0 }));
+  const far = { op: "carve", shape: "sphere", center: [900, 0, 900], radius: 4 };
+  const meshes = [];
+  for (const minRevision of [1n, 2n]) {
+    await client.edit(world, [far]);
+    meshes.push((await all(client.chunks(world, keys, { minRevision }))).map(digest).sort());
+  }
+  assert.deepEqual(meshes[0], meshes[1]);
+  assert.equal((await client.traffic()).cached, keys.length);
+  await client.deleteWorld("waited");
+});
+
+test("a part of the list of worlds", async () => {
+  const { client, asked } = counting();
+  const ids = ["listed-1", "listed-2", "listed-3"];
+  await Promise.all(ids.map((id) => client.createWorld(id, 1, "plane", { lods: 1 })));
+  const listed = async (after: string, limit: number) =>
+    (await client.worlds({ after, limit })).map(({ id }) => id).filter((id) => id.startsWith("listed"));
+  assert.deepEqual(await listed("listed-0", 2), ids.slice(0, 2));
+  assert.deepEqual(await listed("listed-1", 1), ids.slice(1, 2));
+  assert.equal(asked.filter(({ url }) => url.includes("?limit")).length, 2, "no more pages than are wanted");
+  await Promise.all(ids.map((id) => client.deleteWorld(id)));
+});
+
 test("worlds, recipes and errors", async () => {
   const { client } = counting();
   assert.ok(await client.isReady());

@@ -5,7 +5,8 @@ import { after, test } from "node:test";
 import { MessageChannel } from "node:worker_threads";
 
 import { Client } from "../src/client.js";
-import { BadRequest, NotFound, Unreachable } from "../src/errors.js";
+import type { WorldDescriptor } from "../src/descriptors.js";
+import { BadRequest, NotFound, Unreachable, WorkerFailed } from "../src/errors.js";
 import type { ChunkKey } from "../src/mesh.js";
 import { serve, type Port } from "../src/remote.js";
 import { WorkerClient } from "../src/worker_client.js";
@@ -23,6 +24,7 @@ serve({
 });
 const client = new WorkerClient(URL_GIVEN, { retry: { attemptsMax: 2, backoffSeconds: 0 } }, port1 as unknown as Port);
 after(() => port1.close());
+const WORLD = { id: "nowhere" } as unknown as WorldDescriptor;
 
 test("it answers what the client answers", async () => {
   const [here, there] = [new Client(URL_GIVEN), client];
@@ -104,5 +106,40 @@ test("what is under way when it is closed fails", async () => {
   const asked = lonely.seed(42);
   lonely.close();
   await assert.rejects(asked, Unreachable);
+  await assert.rejects(lonely.seed(42), Unreachable);
   channel.port1.close();
 });
+
+/** A worker that answers nothing. */
+class Mute extends EventTarget {
+  isTerminated = false;
+  postMessage(): void {}
+  terminate(): void {
+    this.isTerminated = true;
+  }
+}
+
+for (const [kind, why] of [
+  ["error", /could not be loaded/],
+  ["messageerror", /could not be read/],
+] as const) {
+  test(`a worker that fails with ${kind} ends what is under way, and whatever is asked later`, async () => {
+    const worker = new Mute();
+    const lonely = new WorkerClient(URL_GIVEN, {}, worker as unknown as Port);
+    const isFailed = (error: unknown) => error instanceof WorkerFailed && why.test(error.message);
+    const asked = assert.rejects(lonely.seed(42), isFailed);
+    const streamed = assert.rejects(async () => {
+      for await (const _ of lonely.chunks(WORLD, [{ lod: 0, x: 0, y: 0, z: 0 }])) {
+        assert.fail();
+      }
+    }, isFailed);
+    worker.dispatchEvent(new Event(kind));
+    await Promise.all([asked, streamed]);
+    await assert.rejects(lonely.traffic(), isFailed);
+    await assert.rejects(lonely.edits(WORLD).next(), isFailed);
+    lonely.outdate(WORLD, null, 1n);
+    lonely.close();
+    await assert.rejects(lonely.recipes(), isFailed, "why it failed first is what counts");
+    assert.ok(worker.isTerminated);
+  });
+}
