@@ -1,14 +1,8 @@
 /** The page: one world after another on one canvas, and what people do with it. */
 
 import {
-  ClientError,
-  Gone,
-  NotAllowed,
-  NotFound,
-  StreamEnded,
-  Unavailable,
-  Unreachable,
   WorkerClient,
+  WorkerFailed,
   type ClientOptions,
   type Stroke,
   type Traffic,
@@ -26,7 +20,8 @@ import type { View } from "./look/index.js";
 import { Notice } from "./notice.js";
 import { Session } from "./session.js";
 import { startOf, type Start } from "./starts.js";
-import { open, serverUrl, type Source } from "./world.js";
+import { serverUrl, type Source } from "./world.js";
+import { Worlds, type Page } from "./worlds.js";
 
 const RADIUS_MIN = 1;
 const RADIUS_MAX = 32;
@@ -36,33 +31,24 @@ const FIGURES_MS = 250;
 const LINK_MS = 700;
 /** How patient the client is: the page says what is wrong, and tries again by itself. */
 const RETRY = { attemptsMax: 3, secondsMax: 20, backoffSecondsMax: 1 };
-const AWAY_MS = 700;
-/** Ends of a stream that another one would have too: somebody has no key that is good for it. */
-const KEEPS_OUT = new Set([4401, 4403]);
 
 export class App {
-  session: Session | null = null;
   /** Of the client, as it was a moment ago. */
   traffic: Traffic = { requests: 0, bytes: 0, cached: 0 };
-  isAway = false;
   frames = 0;
   view: View = "shaded";
-  private readonly client = new WorkerClient(serverUrl(), optionsOf(apiKey()));
+  private readonly worlds: Worlds<Session>;
   private readonly notice = new Notice();
   private readonly figures = new Figures();
   private readonly chooser: Chooser;
   private readonly input: Input;
   private readonly walkButton = element("walk", HTMLButtonElement);
   private readonly radius = element("radius", HTMLInputElement);
-  private source: Source;
-  private opening = 0;
   private frameMs = 0;
   private shownAt = -Infinity;
   private linkedAt = -Infinity;
   private before = performance.now();
   private isStriking = false;
-  /** What is done when the server is back; null goes on with the world that is shown. */
-  private reopen: (() => void) | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -76,22 +62,48 @@ export class App {
       toggleFigures: () => this.figures.toggle(),
       toggleHelp: () => this.toggleHelp(),
     });
-    this.chooser = new Chooser(this.client, (source, keepsPlace) => void this.go(source, keepsPlace));
-    this.source = readLink(location.hash).source;
+    this.chooser = new Chooser(
+      (tree) => this.worlds.client.postRecipe(tree),
+      (source, keepsPlace) => this.go(source, keepsPlace),
+    );
+    const page = {
+      connect: () => new WorkerClient(serverUrl(), optionsOf(apiKey())),
+      make: this.make.bind(this),
+      arrived: this.arrived.bind(this),
+      offer: this.chooser.offer.bind(this.chooser),
+      askForKey,
+      say: (message: string) => this.notice.say(message),
+      hold: (message: string | null) => this.notice.hold(message),
+    };
+    this.worlds = new Worlds<Session>(page, readLink(location.hash));
     this.connect();
     addEventListener("resize", () => this.resize());
     addEventListener("hashchange", () => this.follow(readLink(location.hash)));
   }
 
+  /** The world on the screen. */
+  get session(): Session | null {
+    return this.worlds.current;
+  }
+
+  /** Whether another world is to be shown, and is not yet. */
+  get isOpening(): boolean {
+    return this.worlds.isOpening;
+  }
+
+  get isAway(): boolean {
+    return this.worlds.recovery.isAway;
+  }
+
   /** Opens what the link names. */
   async start(): Promise<void> {
     this.renderer.setAnimationLoop(() => this.frame());
-    await this.show(readLink(location.hash));
+    await this.worlds.start();
   }
 
   setView(view: View): void {
     this.view = view;
-    this.session?.setView(view);
+    this.worlds.all.forEach((session) => session.setView(view));
     for (const radio of element("views", HTMLFieldSetElement).querySelectorAll("input")) {
       radio.checked = radio.value === view;
     }
@@ -105,17 +117,17 @@ export class App {
   }
 
   moveTo(position: Triple, ahead: Triple | null): void {
-    this.session?.moveTo(position, ahead);
+    this.worlds.all.forEach((session) => session.moveTo(position, ahead));
   }
 
   async edit(strokes: readonly Stroke[]): Promise<void> {
-    await this.session?.edit(strokes);
+    await this.worlds.newest?.edit(strokes);
   }
 
   /** Digs or builds where the crosshair is. Returns whether there was anything. */
   async strike(op: "carve" | "fill"): Promise<boolean> {
     const { session } = this;
-    if (session === null || this.isStriking) {
+    if (session === null || session.isRetired || this.isStriking) {
       return false;
     }
     this.isStriking = true;
@@ -126,9 +138,7 @@ export class App {
       }
       return isHit;
     } catch (error) {
-      if (session === this.session) {
-        this.failed(error);
-      }
+      this.worlds.refused(error, session);
       return false;
     } finally {
       this.isStriking = false;
@@ -145,10 +155,11 @@ export class App {
     element("show-help", HTMLButtonElement).addEventListener("click", () => this.toggleHelp());
     this.canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      this.notice.hold("The graphics card has let go of the picture. It comes back by itself, or when you reload.");
+      const message = "The graphics card has let go of the picture. It comes back by itself, or when you reload.";
+      this.worlds.recovery.note("picture", message);
     });
     this.canvas.addEventListener("webglcontextrestored", () => {
-      this.notice.hold(null);
+      this.worlds.recovery.note("picture", null);
       this.session?.touch();
     });
     document.addEventListener("pointerlockchange", () => {
@@ -176,53 +187,34 @@ export class App {
   }
 
   /** Shows another world. keepsPlace: from where the viewer is */
-  private async go(source: Source, keepsPlace: boolean): Promise<void> {
-    const place = keepsPlace ? this.session?.pose : undefined;
-    const isWalking = keepsPlace && this.session?.motion.isWalking === true;
-    const { view } = this;
-    await this.show({ source, position: place?.position ?? null, ahead: place?.ahead ?? null, isWalking, view });
+  private go(source: Source, keepsPlace: boolean): void {
+    const { session, view } = this;
+    const elsewhere: Link = { source, position: null, ahead: null, isWalking: false, view };
+    const isHere = keepsPlace && session !== null;
+    void this.worlds.show(isHere ? { ...session.place, source } : elsewhere, isHere);
   }
 
-  private async show(link: Link): Promise<void> {
-    const number = ++this.opening;
-    try {
-      const [world, recipes] = await Promise.all([open(this.client, link.source), this.client.recipes()]);
-      if (number !== this.opening) {
-        return;
-      }
-      this.source = link.source;
-      this.session?.dispose();
-      const start = (name: string, shape: Parameters<typeof startOf>[1]): Start => {
-        const { position, ahead } = startOf(name, shape);
-        return { position: link.position ?? position, ahead: link.ahead ?? ahead };
-      };
-      this.session = null; // what is disposed of is drawn no more, even if there is no other
-      const session = new Session(this.renderer, this.client, world, start, innerHeight, (error) => this.failed(error));
-      this.session = session;
-      this.setWalking(link.isWalking);
-      this.setView(link.view);
-      this.resize();
-      this.chooser.offer(recipes);
-      this.chooser.show(world);
-      this.linkedAt = -Infinity;
-      this.notice.hold(null);
-    } catch (error) {
-      if (number === this.opening) {
-        this.failed(error, () => (number === this.opening ? void this.show(link) : this.resume()));
-        if (this.session === null) {
-          await this.client.recipes().then(
-            (recipes) => this.session ?? this.chooser.offer(recipes),
-            () => {}, // then there is nothing to choose from
-          );
-        }
-      }
-    }
+  private make(...[client, world, link, troubles]: Parameters<Page<Session>["make"]>): Session {
+    const start = (name: string, shape: Parameters<typeof startOf>[1]): Start => {
+      const { position, ahead } = startOf(name, shape);
+      return { position: link.position ?? position, ahead: link.ahead ?? ahead };
+    };
+    const session = new Session(this.renderer, client, world, start, innerHeight, troubles);
+    session.setView(link.view);
+    return session;
+  }
+
+  private arrived(_session: Session, link: Link, before: Session | null): void {
+    this.setWalking(before?.motion.isWalking ?? link.isWalking);
+    this.setView(before === null ? link.view : this.view);
+    this.resize();
+    this.linkedAt = -Infinity;
   }
 
   /** Somebody has changed the address. */
   private follow(link: Link): void {
-    if (this.session === null || !isSame(link.source, this.source)) {
-      void this.show(link);
+    if (this.session === null || this.session.isRetired || !isSame(link.source, this.worlds.source)) {
+      void this.worlds.show(link);
     } else if (location.hash !== this.link()) {
       this.setWalking(link.isWalking);
       this.setView(link.view);
@@ -235,7 +227,7 @@ export class App {
   private link(): string {
     const { pose, motion } = this.session!;
     return writeLink({
-      source: this.source,
+      source: this.worlds.source,
       position: pose.position,
       ahead: pose.ahead,
       isWalking: motion.isWalking,
@@ -247,6 +239,7 @@ export class App {
     const now = performance.now();
     const elapsed = Math.min((now - this.before) / 1000, 1);
     this.before = now;
+    this.worlds.update();
     const { session } = this;
     if (session === null) {
       return;
@@ -257,21 +250,26 @@ export class App {
     this.frameMs += (performance.now() - now - this.frameMs) * 0.1;
     if (now - this.shownAt > FIGURES_MS) {
       this.shownAt = now;
-      this.client.traffic().then(
-        (traffic) => (this.traffic = traffic),
-        () => {}, // the worker has failed: whoever asks it for chunks says so
-      );
+      this.count();
       if (this.figures.isShown) {
         this.showFigures(session);
       }
     }
-    if (now - this.linkedAt > LINK_MS) {
+    if (now - this.linkedAt > LINK_MS && !this.isOpening) {
       this.linkedAt = now;
       const link = this.link();
       if (link !== location.hash) {
         history.replaceState(null, "", link);
       }
     }
+  }
+
+  private count(): void {
+    const { client, recovery } = this.worlds;
+    client.traffic().then(
+      (traffic) => (this.traffic = traffic),
+      (error: unknown) => error instanceof WorkerFailed && recovery.failed("page", error),
+    );
   }
 
   private showFigures(session: Session): void {
@@ -293,7 +291,7 @@ export class App {
   private resize(): void {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, PIXEL_RATIO_MAX));
     this.renderer.setSize(innerWidth, innerHeight, false);
-    this.session?.resize(innerWidth, innerHeight);
+    this.worlds.all.forEach((session) => session.resize(innerWidth, innerHeight));
   }
 
   private setRadius(metres: number): void {
@@ -323,67 +321,6 @@ export class App {
       this.notice.say("The address of this page is the link: it shows this world from here.");
     }
   }
-
-  /**
-   * Says what is wrong; where the server is away, waits until it is back; where the world is not what it was, shows what
-   * it is now.
-   *
-   * @param reopen of a world that could not be opened: tries that once more
-   */
-  private failed(error: unknown, reopen: (() => void) | null = null): void {
-    const isGone = error instanceof StreamEnded && !KEEPS_OUT.has(error.code);
-    if (error instanceof Unreachable || error instanceof Unavailable || error instanceof TypeError) {
-      void this.wait(error, reopen);
-    } else if (reopen === null && this.session !== null && (isGone || isOver(error))) {
-      const { pose, motion } = this.session;
-      const [source, isWalking] = [this.source, motion.isWalking];
-      this.session.terrain.stop();
-      void this.show({ source, position: pose.position, ahead: pose.ahead, isWalking, view: this.view });
-    } else if (error instanceof NotAllowed || error instanceof StreamEnded) {
-      askForKey();
-      this.notice.say(error instanceof NotAllowed ? error.detail : error.message);
-    } else {
-      this.notice.hold(error instanceof ClientError ? error.message : `Something went wrong: ${String(error)}`);
-    }
-  }
-
-  private async wait(error: unknown, reopen: (() => void) | null): Promise<void> {
-    this.reopen = reopen ?? this.reopen;
-    if (this.isAway) {
-      return;
-    }
-    this.isAway = true;
-    for (let why = error; why !== null; why = await this.whyNotReady()) {
-      const isStarting = why instanceof Unavailable;
-      this.notice.hold(
-        isStarting ? "The server is starting." : "The server is away. This page goes on when it is back.",
-      );
-      await new Promise((resolve) => setTimeout(resolve, AWAY_MS));
-    }
-    this.isAway = false;
-    this.notice.hold(null);
-    const again = this.reopen ?? (() => this.resume());
-    this.reopen = null;
-    again();
-  }
-
-  /** What is wrong with the server; null if it can build chunks. */
-  private whyNotReady(): Promise<unknown> {
-    return this.client.waitUntilReady(0).then(
-      () => null,
-      (error: unknown) => error,
-    );
-  }
-
-  private resume(): void {
-    this.session?.following.resume();
-    this.session?.terrain.resume();
-  }
-}
-
-/** Whether the server no longer has what was shown. */
-function isOver(error: unknown): boolean {
-  return error instanceof Gone || error instanceof NotFound;
 }
 
 function isSame(one: Source, other: Source): boolean {

@@ -1,6 +1,6 @@
 /** The panel in which a world is chosen: its recipe, its seed, its recipe's text. */
 
-import type { AnyWorld, ChunkClient, Recipe } from "chunkserver-client";
+import type { AnyWorld, Recipe, RecipeTree } from "chunkserver-client";
 
 import { element } from "./element.js";
 import { seedOf } from "./link.js";
@@ -19,12 +19,15 @@ export class Chooser {
   private readonly editor: RecipeEditor;
   private readonly described = new Map<string, string>();
 
-  /** chosen: called with the world to show. keepsPlace: the viewer stays where they are */
+  /**
+   * @param check makes a recipe known to the server, which may refuse it
+   * @param chosen called with the world to show. keepsPlace: the viewer stays where they are
+   */
   constructor(
-    client: ChunkClient,
+    check: (tree: RecipeTree) => Promise<Recipe>,
     private readonly chosen: (source: Source, keepsPlace: boolean) => void,
   ) {
-    this.editor = new RecipeEditor(client, ({ digest }) => this.choose(digest, true));
+    this.editor = new RecipeEditor(check, ({ digest }) => this.choose(digest, true));
     this.opens.addEventListener("click", () => this.toggle());
     this.panel.addEventListener("keydown", ({ key }) => {
       if (key === "Escape") {
@@ -43,14 +46,16 @@ export class Chooser {
     });
   }
 
-  /** What there is to choose from. */
-  offer(recipes: readonly Recipe[]): void {
+  /** What there is to choose from, and what is chosen: nothing if no world is shown. */
+  offer(recipes: readonly Recipe[], chosen: AnyWorld | null): void {
     this.recipe.replaceChildren(...recipes.map(({ name }) => new Option(titled(name), name)));
     recipes.forEach(({ name, description }) => this.described.set(name, description));
+    if (chosen !== null) {
+      this.show(chosen);
+    }
   }
 
-  /** What is shown now. */
-  show(world: AnyWorld): void {
+  private show(world: AnyWorld): void {
     const { name } = world.recipe;
     if (![...this.recipe.options].some(({ value }) => value === name)) {
       this.recipe.append(new Option(`Your own, ${name.slice(0, 8)}`, name));

@@ -34,6 +34,8 @@ export class Fetching {
   private readonly batches = new Set<Batch>();
   private queue: FittedChunk[] = [];
   private busySince = 0;
+  /** Of the world: the server answers from there on. */
+  private minRevision = 0n;
 
   constructor(
     private readonly client: ChunkClient,
@@ -51,6 +53,11 @@ export class Fetching {
 
   setWorld(world: AnyWorld): void {
     this.world = world;
+  }
+
+  /** No chunk comes any more that was built before this revision. It is the caller who drops what is under way. */
+  expect(revision: bigint): void {
+    this.minRevision = revision > this.minRevision ? revision : this.minRevision;
   }
 
   /** Asks for these chunks and no others, the first ones first. viewer: in voxels */
@@ -99,8 +106,10 @@ export class Fetching {
 
   private async run(batch: Batch, viewer: Triple): Promise<void> {
     const { signal } = batch.cancel;
+    const { minRevision } = this;
+    const since = this.world.kind === "world" && minRevision > 0n ? { minRevision } : {};
     try {
-      for await (const mesh of this.client.chunks(this.world, batch.left.values(), { viewer, signal })) {
+      for await (const mesh of this.client.chunks(this.world, batch.left.values(), { viewer, signal, ...since })) {
         if (signal.aborted) {
           return;
         }

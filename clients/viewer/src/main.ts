@@ -26,8 +26,13 @@ if (renderer === null) {
     "This browser shows no WebGL 2, which draws the world: it may be switched off, or the graphics card is not supported.",
   );
 } else {
-  const app = new App(canvas, renderer);
-  window.chunkserver = scripting(app);
-  void app.start();
-  canvas.focus();
+  try {
+    const app = new App(canvas, renderer);
+    window.chunkserver = scripting(app);
+    void app.start();
+    canvas.focus();
+  } catch (error) {
+    new Notice().hold(`This page cannot run here: ${String(error)}`);
+    throw error;
+  }
 }

@@ -1,12 +1,15 @@
 /** The recipe as JSON: checked by the server as it is typed, and shown as soon as it is right. */
 
-import { BadRequest, ClientError, type ChunkClient, type Recipe, type RecipeTree } from "chunkserver-client";
+import { BadRequest, type Recipe, type RecipeTree } from "chunkserver-client";
 
 import { element } from "./element.js";
+import { isOpen, verdictOn } from "./failures.js";
 import { lineOf, lineOfError } from "./json_place.js";
 
 /** Milliseconds without a key before the server is asked. */
 const PAUSE_MS = 350;
+/** Before the server is asked again, if it was away. */
+const AGAIN_MS = 3000;
 const LINE_PIXELS = 18;
 /** From the top of the box to that of the first line. */
 const PADDING_PIXELS = 12;
@@ -20,9 +23,12 @@ export class RecipeEditor {
   private asked = 0;
   private digest = "";
 
-  /** changed: called with a recipe that can be built */
+  /**
+   * @param server makes a recipe known to the server, which may refuse it
+   * @param changed called with a recipe that can be built
+   */
   constructor(
-    private readonly client: ChunkClient,
+    private readonly server: (tree: RecipeTree) => Promise<Recipe>,
     private readonly changed: (recipe: Recipe) => void,
   ) {
     this.text.addEventListener("input", () => {
@@ -52,7 +58,7 @@ export class RecipeEditor {
       return;
     }
     try {
-      const recipe = await this.client.postRecipe(tree);
+      const recipe = await this.server(tree);
       if (number === this.asked) {
         this.say("", null);
         if (recipe.digest !== this.digest) {
@@ -72,7 +78,10 @@ export class RecipeEditor {
       const { path, expected } = error.values;
       this.say(`${path || "At the root"}: ${String(expected ?? error.detail)}`, lineOf(text, path as string));
     } else {
-      this.say(error instanceof ClientError ? error.message : String(error), null);
+      this.say(verdictOn(error).message, null);
+      if (isOpen(error)) {
+        this.timer = setTimeout(() => void this.check(), AGAIN_MS);
+      }
     }
   }
 

@@ -20,8 +20,10 @@ export interface Counters {
   readonly pending: number;
   /** By level, chunks with triangles that are shown. */
   readonly levels: readonly number[];
-  /** Whether what is shown is all that is wanted. */
+  /** Whether what is shown is all that is wanted, and no other world is on its way. */
   readonly isSettled: boolean;
+  /** Whether others are heard as soon as they dig. */
+  readonly isLive: boolean;
   /** The newest edit that is known of. */
   readonly revision: string;
   readonly isAway: boolean;
@@ -61,7 +63,8 @@ export function scripting(app: App): Scripting {
         triangles: session?.triangles ?? 0,
         pending: session?.terrain.pending ?? 0,
         levels: session?.levels ?? [],
-        isSettled: session?.terrain.isSettled ?? false,
+        isSettled: session?.terrain.isSettled === true && !app.isOpening,
+        isLive: session?.following.isLive ?? false,
         revision: String(session?.following.revision ?? 0n),
         isAway: app.isAway,
         isWalking: session?.motion.isWalking ?? false,

@@ -1,19 +1,22 @@
 /** One world on the screen, from its first chunk to its last: what is drawn, the viewer in it, its edits. */
 
-import { type AnyWorld, type Stroke, type Triple, type WorkerClient } from "chunkserver-client";
+import { type AnyWorld, type Stroke, type ChunkClient, type Triple } from "chunkserver-client";
 import { ChunkGroup, ChunkObject } from "chunkserver-client/three";
 import { PerspectiveCamera, Scene, Vector3, type Vector3Tuple, type WebGLRenderer } from "three";
 
 import { Following } from "./following.js";
 import { Ground, type Hit } from "./ground.js";
 import { Look, type View } from "./look/index.js";
+import type { Link } from "./link.js";
 import { Motion, type Wish } from "./motion.js";
 import { Pose } from "./pose.js";
+import type { Part } from "./recovery.js";
 import { shapeOf } from "./shape.js";
 import type { Start } from "./starts.js";
 import { Terrain } from "./terrain.js";
 import { lengthOf, minus, plus } from "./vectors.js";
 import { extentOf } from "./world.js";
+import type { Troubles, WorldShown } from "./worlds.js";
 
 export const FOV_DEGREES = 60;
 /** How far the surface may seem to be off, in pixels. */
@@ -36,7 +39,7 @@ const NEAR_PART = 0.5;
 /** How far is dug, in metres; further where the ground is further away. */
 const REACH_LEAST = 400;
 
-export class Session {
+export class Session implements WorldShown<Session> {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(FOV_DEGREES, 1, NEAR_MIN, 1e4);
   readonly ground = new Ground();
@@ -45,25 +48,27 @@ export class Session {
   readonly terrain: Terrain;
   readonly following: Following;
   triangles = 0;
+  /** Whether nothing is fetched or heard any more. */
+  isRetired = false;
   bytes = 0;
   private readonly group: ChunkGroup;
   private readonly look: Look;
   private readonly objects = new Map<string, ChunkObject>();
   private readonly far: number;
+  private view: View = "shaded";
   private seen = "";
   /** Seconds a frame, about. */
   private pace = 0;
   /** Seconds for which the picture still changes. */
   private restless = RESTLESS_SECONDS;
 
-  /** failed: told when the server cannot be reached, or the world is not what it was. */
   constructor(
     renderer: WebGLRenderer,
-    client: WorkerClient,
+    client: ChunkClient,
     world: AnyWorld,
     start: (name: string, shape: ReturnType<typeof shapeOf>) => Start,
     screenPixels: number,
-    failed: (error: unknown) => void,
+    troubles: Troubles,
   ) {
     const shape = shapeOf(world.recipe.expression);
     const extent = extentOf(world, shape);
@@ -96,8 +101,9 @@ export class Session {
       draw: this.draw.bind(this),
       remove: this.remove.bind(this),
     };
-    this.terrain = new Terrain(client, world, shown, options, canvas, failed);
-    this.following = new Following(client, world, this.terrain, failed);
+    const chunksFailed = (error: unknown) => troubles.chunksFailed(error);
+    this.terrain = new Terrain(client, world, shown, options, canvas, chunksFailed);
+    this.following = new Following(client, world, this.terrain, troubles);
   }
 
   get world(): AnyWorld {
@@ -120,6 +126,7 @@ export class Session {
 
   setView(view: View): void {
     this.touch();
+    this.view = view;
     this.look.setView(view);
     for (const object of this.objects.values()) {
       object.material = this.look.materialFor(object.chunk);
@@ -203,8 +210,40 @@ export class Session {
     this.terrain.jump();
   }
 
-  dispose(): void {
+  get isPresentable(): boolean {
+    return this.terrain.isPresentable;
+  }
+
+  prepare(leader: Session | null): void {
+    if (leader !== null) {
+      this.pose.position = leader.pose.position;
+      this.pose.lookAlong(leader.pose.ahead);
+    }
+    this.following.update();
+    this.terrain.update(this.pose.position, [0, 0, 0]);
+  }
+
+  get place(): Omit<Link, "source"> {
+    const { pose, motion, view } = this;
+    return { position: pose.position, ahead: pose.ahead, isWalking: motion.isWalking, view };
+  }
+
+  resume(part: Part): void {
+    if (part === "chunks") {
+      this.terrain.resume();
+    } else {
+      this.following.resume();
+    }
+  }
+
+  retire(): void {
+    this.isRetired = true;
     this.following.stop();
+    this.terrain.stop();
+  }
+
+  dispose(): void {
+    this.retire();
     this.terrain.dispose();
     this.look.dispose();
   }

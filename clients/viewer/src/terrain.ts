@@ -57,6 +57,7 @@ export class Terrain {
   private isChanged = false;
   private selectedAt = -Infinity;
   private isStopped = false;
+  private isBegun = false;
   private readonly chunkCells: number;
   private coveredBy: FittedChunk | null = null;
 
@@ -92,6 +93,11 @@ export class Terrain {
   /** Whether what is drawn is what is wanted, at full detail. */
   get isSettled(): boolean {
     return this.steps.length === 0 && !this.isChanged && this.selection !== null && this.isLastStage;
+  }
+
+  /** Whether a first, coarse world around the viewer was drawn completely. */
+  get isPresentable(): boolean {
+    return this.isBegun;
   }
 
   get chunks(): number {
@@ -149,8 +155,14 @@ export class Terrain {
     this.fetching.setWorld(world);
   }
 
-  /** Some chunks have changed: they are fetched anew, and what was fetched is not drawn. stale: null is all of them */
-  outdate(stale: readonly ChunkRange[] | null): void {
+  /**
+   * Some chunks have changed: they are fetched anew, and what was fetched is not drawn.
+   *
+   * @param stale null is all of them
+   * @param revision of the world that has changed them
+   */
+  outdate(stale: readonly ChunkRange[] | null, revision: bigint): void {
+    this.fetching.expect(revision);
     const isOld = (chunk: ChunkKey) => stale === null || isStale(chunk, stale);
     for (const [name, chunk] of this.drawn) {
       if (isOld(chunk)) {
@@ -194,6 +206,7 @@ export class Terrain {
   private select(position: Triple, velocity: Triple): void {
     if (this.selection !== null && !this.isLastStage && this.steps.length === 0 && !this.isChanged) {
       this.stage += 1;
+      this.isBegun = true;
       this.selection = null;
     }
     const before = this.selection;

@@ -8,7 +8,6 @@ import {
   type WorldDescriptor,
 } from "chunkserver-client";
 
-import { apiKey } from "./api_key.js";
 import type { Shape } from "./shape.js";
 
 /** What a link names. recipe: a name or a digest */
@@ -38,7 +37,7 @@ export async function open(client: ChunkClient, source: Source): Promise<AnyWorl
 /** The world that has been made of a seed; null if there is none yet, or another one has its id. */
 export async function dugOut(client: ChunkClient, pristine: SeedDescriptor): Promise<WorldDescriptor | null> {
   const id = idOf(pristine);
-  if (!(await isThere(id))) {
+  if (!(await isThere(client, id))) {
     return null;
   }
   const world = await client.world(id);
@@ -59,16 +58,9 @@ export function idOf({ recipe, seed }: SeedDescriptor): string {
 }
 
 /** Asks the list, for which a world that is not there is no error. */
-async function isThere(id: string): Promise<boolean> {
-  const before = justBefore(id);
-  const key = apiKey();
-  const headers: HeadersInit = key === null ? {} : { authorization: `Bearer ${key}` };
-  const answer = await fetch(`${serverUrl()}/v1/worlds?limit=1&after=${before}`, { headers });
-  if (!answer.ok) {
-    return false;
-  }
-  const { worlds } = (await answer.json()) as { worlds: { id: string }[] };
-  return worlds[0]?.id === id;
+async function isThere(client: ChunkClient, id: string): Promise<boolean> {
+  const [first] = await client.worlds({ after: justBefore(id), limit: 1 });
+  return first?.id === id;
 }
 
 /** The last id in order before another one that ends in a digit, as good as. */

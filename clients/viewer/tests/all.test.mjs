@@ -1,2 +1,5 @@
+import "./following.test.mjs";
 import "./look.test.mjs";
+import "./recovery.test.mjs";
 import "./terrain.test.mjs";
+import "./worlds.test.mjs";

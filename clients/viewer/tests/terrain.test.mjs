@@ -69,9 +69,172 @@ test("a chunk that an edit outdates is not left behind where another level takes
   await settle(terrain, server, [16, 16, 16]);
   const before = new Set(canvas.drawn.keys());
   assert.deepEqual(canvas.doubled, []);
-  terrain.outdate(null);
+  terrain.outdate(null, 1n);
   await settle(terrain, server, [300, 16, 16]);
   assert.notDeepEqual(new Set(canvas.drawn.keys()), before);
   assert.deepEqual(canvas.doubled, []);
   assert.equal(canvas.drawn.size, terrain.chunks);
+});
+
+/** The same numbers each time: mulberry32. */
+function randomsFrom(seed) {
+  return () => {
+    seed = (seed + 0x6d2b79f5) | 0;
+    let mixed = Math.imul(seed ^ (seed >>> 15), 1 | seed);
+    mixed = (mixed + Math.imul(mixed ^ (mixed >>> 7), 61 | mixed)) ^ mixed;
+    return ((mixed ^ (mixed >>> 14)) >>> 0) / 2 ** 32;
+  };
+}
+
+/**
+ * A world that is edited while its chunks are on their way. A batch has the chunks as they are when it is asked for. Its
+ * answers come whenever they like, in any order, also when nobody waits for them any more.
+ */
+class Edited {
+  edits = [];
+  held = [];
+  asked = 0;
+  leastAsked = [];
+
+  constructor(random) {
+    this.random = random;
+  }
+
+  get revision() {
+    return BigInt(this.edits.length);
+  }
+
+  /** Of the last edit that may have changed it. */
+  revisionOf({ lod, x, y, z }) {
+    const within = ({ low, high }) => [x, y, z].every((at, axis) => low[axis] <= at && at <= high[axis]);
+    return BigInt(1 + this.edits.findLastIndex((ranges) => ranges.some((range) => range.lod === lod && within(range))));
+  }
+
+  /** Somewhere; which chunks it may have changed, on all levels. */
+  edit() {
+    const [from, to] = [0, 1].map(() => [0, 1, 2].map(() => Math.floor((this.random() - 0.5) * 700)));
+    const ranges = [0, 1, 2, 3].map((lod) => ({
+      lod,
+      low: from.map((at, axis) => Math.floor(Math.min(at, to[axis]) / (32 * 2 ** lod))),
+      high: from.map((at, axis) => Math.floor(Math.max(at, to[axis]) / (32 * 2 ** lod))),
+    }));
+    this.edits.push(ranges);
+    return ranges;
+  }
+
+  async *chunks(_world, chunks, { minRevision = 0n }) {
+    const meshes = [...chunks].map(({ coarser, ...key }) => {
+      this.asked += 1;
+      return { key, coarser, content: "surface", revision: this.revisionOf(key) };
+    });
+    this.leastAsked.push([minRevision, this.revision]);
+    for (let count = 0; count < meshes.length; count++) {
+      await new Promise((resolve) => this.held.push(resolve));
+      yield meshes[count];
+    }
+  }
+
+  /** Lets some answers go. */
+  async answer(count) {
+    for (let left = count; left > 0 && this.held.length > 0; left--) {
+      this.held.splice(Math.floor(this.random() * this.held.length), 1)[0]();
+    }
+    await new Promise((resolve) => setImmediate(resolve));
+  }
+}
+
+/** A canvas that nothing is drawn on which is older than what the page was told of. */
+class Fresh extends Canvas {
+  constructor(world) {
+    super();
+    this.world = world;
+    this.meshes = new Map();
+  }
+
+  draw(name, mesh) {
+    super.draw(name, mesh);
+    const told = this.world.revisionOf(mesh.key);
+    assert.ok(mesh.revision >= told, `${name} is of ${mesh.revision}, and an edit of ${told} is known`);
+    this.meshes.set(name, mesh);
+  }
+
+  remove(name) {
+    super.remove(name);
+    this.meshes.delete(name);
+  }
+}
+
+for (const seed of [1, 2, 3, 4, 5, 6]) {
+  test(`no chunk from before an edit is drawn behind it, or stays, however late answers come (${seed})`, async () => {
+    const random = randomsFrom(seed);
+    const world = new Edited(random);
+    const canvas = new Fresh(world);
+    const options = { errorPixels: 8, screenPixels: 720, reach: 512 };
+    const failed = (error) => assert.fail(error);
+    const shown = { ...WORLD, kind: "world", geometricErrors: ERRORS };
+    const terrain = new Terrain(world, shown, shown, options, canvas, failed);
+    let position = [16, 16, 16];
+    for (let frame = 0; frame < 1500; frame++) {
+      if (random() < 0.02) {
+        terrain.outdate(world.edit(), world.revision);
+      }
+      if (random() < 0.02) {
+        position = position.map((at) => at + (random() - 0.5) * 100);
+        terrain.select(position, NOWHERE_SOON); // as if time had passed
+      }
+      terrain.update(position, NOWHERE_SOON);
+      assert.deepEqual(canvas.drawn.size, canvas.meshes.size);
+      await world.answer(random() < 0.5 ? 0 : Math.floor(random() * 60));
+    }
+    assert.ok(world.edits.length > 10);
+    for (let frame = 0; !terrain.isSettled; frame++) {
+      assert.ok(frame < 2000, "it does not settle");
+      terrain.update(position, NOWHERE_SOON);
+      await world.answer(100);
+    }
+    for (const [name, { key, revision }] of canvas.meshes) {
+      assert.equal(revision, world.revisionOf(key), name);
+    }
+    assert.deepEqual(canvas.doubled, []);
+    assert.ok(
+      world.leastAsked.every(([least, revision]) => least === revision),
+      "the server is told from when on",
+    );
+  });
+}
+
+test("a seed, which has no revisions, is asked for without one", async () => {
+  const world = new Edited(randomsFrom(1));
+  const options = { errorPixels: 8, screenPixels: 720, reach: 512 };
+  const shown = { ...WORLD, geometricErrors: ERRORS };
+  const terrain = new Terrain(world, shown, shown, options, new Canvas(), (error) => assert.fail(error));
+  terrain.outdate(world.edit(), world.revision);
+  terrain.update([16, 16, 16], NOWHERE_SOON);
+  assert.deepEqual(world.leastAsked[0], [0n, 1n]);
+  terrain.dispose();
+});
+
+test("chunks that cannot be had are asked for again when that is wanted, and not before", async () => {
+  const [server, canvas] = [new Server(), new Canvas()];
+  const options = { errorPixels: 8, screenPixels: 720, reach: 512 };
+  const failures = [];
+  const failed = (error) => failures.push(error);
+  const terrain = new Terrain(server, WORLD, { ...WORLD, geometricErrors: ERRORS }, options, canvas, failed);
+  const { chunks } = server;
+  let asked = 0;
+  server.chunks = async function* () {
+    asked += 1;
+    throw new Error("too slow");
+  };
+  for (let frame = 0; frame < 50; frame++) {
+    terrain.update([16, 16, 16], NOWHERE_SOON);
+    await server.answer();
+  }
+  assert.equal(failures.length, 1);
+  assert.ok(asked <= 2);
+  assert.ok(!terrain.isPresentable);
+  server.chunks = chunks;
+  terrain.resume();
+  await settle(terrain, server, [16, 16, 16]);
+  assert.ok(terrain.isPresentable);
 });

@@ -86,7 +86,6 @@ export class Look {
   private readonly shaded: Material;
   private readonly views: ViewMaterials;
   private readonly cellUnits = { value: 1024 };
-  private readonly before;
   private readonly sun = new Vector3();
   private survey: Survey | null = null;
   private signature = -1;
@@ -109,7 +108,6 @@ export class Look {
     quality?: Quality,
   ) {
     this.quality = quality ?? qualityOf(renderer.getContext(), globalThis.location?.search ?? "");
-    this.before = { toneMapping: renderer.toneMapping, exposure: renderer.toneMappingExposure };
     renderer.toneMapping = ACESFilmicToneMapping;
     renderer.toneMappingExposure = 0.36;
     renderer.outputColorSpace = SRGBColorSpace;
@@ -223,8 +221,6 @@ export class Look {
     this.shaded.dispose();
     Object.values(this.views).forEach((material: Material) => material.dispose());
     Object.values(this.textures).forEach((texture) => texture.dispose());
-    this.renderer.toneMapping = this.before.toneMapping;
-    this.renderer.toneMappingExposure = this.before.exposure;
   }
 
   private placeWorld(anchor: readonly [number, number, number]): void {
