@@ -30,7 +30,7 @@ test: lint $(NODE) $(WEB) $(VIEWER) $(CHROMIUM) $(EGL)
 torture: $(DEV) $(NODE) $(WEB) $(VIEWER) $(CHROMIUM) $(EGL)
 	CHUNKSERVER_TORTURE=1 $(BIN)/pytest $(ARGS)
 
-bench: $(DEV)
+bench: $(DEV) $(NODE) $(CHROMIUM)
 	$(BIN)/python -m benchmarks $(ARGS)
 
 # What is generated in docs/. The pictures take about half a minute each: make docs ARGS="levels picture-planet mesh-canyon"

@@ -24,6 +24,7 @@ from benchmarks import (
     startup,
     stream,
     tape,
+    viewer,
     whole,
 )
 from benchmarks.measure import Line, Scale
@@ -70,5 +71,6 @@ JOBS: Final = {
         _job("The stream of edits", stream),
         _job("A start with a long log", replay),
         _job("Start and memory", startup),
+        _job("The viewer", viewer),
     )
 }

@@ -80,6 +80,9 @@ TARGETS: Final = (
     Target("stream", "32 editors", "acknowledged", 250, 1000, unit="1/s"),
     Target("stream", "500 come back", "all caught up", 5, 1, at_most=True, unit="s"),
     Target("replay", "1,000,000 strokes", "first edited chunk", 5, 3, at_most=True, unit="s"),
+    Target("viewer", "page", "compressed", 400, 200, at_most=True, unit="kB"),
+    Target("viewer", "fly-through, terrain", "95 %", 4, 2, at_most=True, unit="ms a frame"),
+    Target("viewer", "fly-through, terrain", "long tasks", 0, 0, at_most=True, unit="tasks"),
 )
 
 

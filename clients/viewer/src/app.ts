@@ -52,7 +52,7 @@ export class App {
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
-    private readonly renderer: WebGLRenderer,
+    readonly renderer: WebGLRenderer,
   ) {
     this.input = new Input(canvas, {
       strike: (op) => void this.strike(op),

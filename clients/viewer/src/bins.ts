@@ -29,19 +29,14 @@ export class Bins {
     const wide = (axis: number) => Math.max((mesh.high[axis]! - mesh.low[axis]!) / SIDE, WIDTH_MIN);
     this.width = [wide(0), wide(1), wide(2)];
     const count = mesh.indices.length / 3;
-    const counts = new Uint32Array(SIDE ** 3 + 1);
-    for (let triangle = 0; triangle < count; triangle++) {
-      this.covered(triangle, (bin) => void (counts[bin + 1]! += 1));
-    }
+    const spans = this.spans(count);
+    this.starts = new Uint32Array(SIDE ** 3 + 1);
+    inBins(spans, this.starts, null);
     for (let bin = 0; bin < SIDE ** 3; bin++) {
-      counts[bin + 1]! += counts[bin]!;
+      this.starts[bin + 1]! += this.starts[bin]!;
     }
-    this.starts = counts;
-    this.triangles = new Uint32Array(counts[SIDE ** 3]!);
-    const next = counts.slice();
-    for (let triangle = 0; triangle < count; triangle++) {
-      this.covered(triangle, (bin) => void (this.triangles[next[bin]!++] = triangle));
-    }
+    this.triangles = new Uint32Array(this.starts[SIDE ** 3]!);
+    inBins(spans, this.starts.slice(), this.triangles);
   }
 
   /** The first triangle that a ray meets between two places along it; null if there is none. */
@@ -136,30 +131,54 @@ export class Bins {
     });
   }
 
-  private covered(triangle: number, visit: (bin: number) => void): void {
+  /** By triangle, the bins of its bounds: low x, y, z, then high x, y, z, four bits each from the lowest on. */
+  private spans(count: number): Uint32Array {
     const { indices, positions, components } = this.mesh;
-    const [i, j, k] = [0, 1, 2].map((corner) => indices[3 * triangle + corner]! * components) as [
-      number,
-      number,
-      number,
-    ];
-    const span = [0, 0, 0, 0, 0, 0];
+    const spans = new Uint32Array(count);
+    const last = SIDE - 1;
     for (let axis = 0; axis < 3; axis++) {
-      const [a, b, c] = [positions[i + axis]!, positions[j + axis]!, positions[k + axis]!];
-      span[axis] = this.binAlong(axis, Math.min(a, b, c));
-      span[axis + 3] = this.binAlong(axis, Math.max(a, b, c));
-    }
-    for (let z = span[2]!; z <= span[5]!; z++) {
-      for (let y = span[1]!; y <= span[4]!; y++) {
-        for (let x = span[0]!; x <= span[3]!; x++) {
-          visit(x + SIDE * (y + SIDE * z));
-        }
+      const low = this.low[axis]!;
+      const width = this.width[axis]!;
+      for (let triangle = 0; triangle < count; triangle++) {
+        const a = positions[indices[3 * triangle]! * components + axis]!;
+        const b = positions[indices[3 * triangle + 1]! * components + axis]!;
+        const c = positions[indices[3 * triangle + 2]! * components + axis]!;
+        const from = Math.floor((Math.min(a, b, c) - low) / width);
+        const to = Math.floor((Math.max(a, b, c) - low) / width);
+        spans[triangle]! |= Math.max(0, Math.min(last, from)) << (4 * axis);
+        spans[triangle]! |= Math.max(0, Math.min(last, to)) << (4 * axis + 12);
       }
     }
+    return spans;
   }
 
   private binAlong(axis: number, at: number): number {
     return Math.max(0, Math.min(SIDE - 1, Math.floor((at - this.low[axis]!) / this.width[axis]!)));
+  }
+}
+
+/**
+ * Goes through the bins of all triangles. triangles: takes each triangle where `at` says for its bin; if it is null, they
+ * are counted in `at`, each one place behind its bin.
+ */
+function inBins(spans: Uint32Array, at: Uint32Array, triangles: Uint32Array | null): void {
+  for (let triangle = 0; triangle < spans.length; triangle++) {
+    const span = spans[triangle]!;
+    const x1 = (span >> 12) & 15;
+    const y1 = (span >> 16) & 15;
+    const z1 = (span >> 20) & 15;
+    for (let z = (span >> 8) & 15; z <= z1; z++) {
+      for (let y = (span >> 4) & 15; y <= y1; y++) {
+        for (let x = span & 15; x <= x1; x++) {
+          const bin = x + SIDE * (y + SIDE * z);
+          if (triangles === null) {
+            at[bin + 1]! += 1;
+          } else {
+            triangles[at[bin]!++] = triangle;
+          }
+        }
+      }
+    }
   }
 }
 

@@ -7,6 +7,7 @@
  */
 
 import type { Triple } from "chunkserver-client";
+import type { WebGLRenderer } from "three";
 
 import type { App } from "./app.js";
 import type { View } from "./look/index.js";
@@ -32,8 +33,11 @@ export interface Counters {
   /** Metres of the eye above the ground. */
   readonly altitude: number;
   readonly frames: number;
+  /** Chunks that have come, those that were not drawn too. */
+  readonly received: number;
   /** Of answers, as they came over the network. */
   readonly bytes: number;
+  readonly requests: number;
   /** What is shown: the id of a world, or "seed". */
   readonly world: string;
 }
@@ -44,6 +48,8 @@ export interface Scripting {
   readonly camera: { readonly position: Triple; readonly ahead: Triple } | null;
   setCamera(position: Triple, ahead?: Triple): void;
   setView(view: View): void;
+  /** What draws, with three.js's own figures in `info`. */
+  readonly renderer: WebGLRenderer;
   /** Takes a ball away, in voxels; resolves when that is durable. */
   dig(center: Triple, radius: number): Promise<void>;
   build(center: Triple, radius: number): Promise<void>;
@@ -63,7 +69,7 @@ export function scripting(app: App): Scripting {
         triangles: session?.triangles ?? 0,
         pending: session?.terrain.pending ?? 0,
         levels: session?.levels ?? [],
-        isSettled: session?.terrain.isSettled === true && !app.isOpening,
+        isSettled: session?.isSettled === true && !app.isOpening,
         isLive: session?.following.isLive ?? false,
         revision: String(session?.following.revision ?? 0n),
         isAway: app.isAway,
@@ -71,7 +77,9 @@ export function scripting(app: App): Scripting {
         isStanding: session?.motion.isStanding ?? false,
         altitude: session?.motion.altitude ?? 0,
         frames: app.frames,
+        received: session?.terrain.received ?? 0,
         bytes: app.traffic.bytes,
+        requests: app.traffic.requests,
         world: world === undefined ? "" : world.kind === "world" ? world.id : "seed",
       };
     },
@@ -81,6 +89,7 @@ export function scripting(app: App): Scripting {
     },
     setCamera: (position, ahead) => app.moveTo(position, ahead ?? null),
     setView: (view) => app.setView(view),
+    renderer: app.renderer,
     dig: stroke("carve"),
     build: stroke("fill"),
     aim() {

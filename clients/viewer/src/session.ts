@@ -27,6 +27,8 @@ const ERROR_LEAST = 0.15;
 const CHUNKS_MAX = 4096;
 /** Voxels from the viewer to the anchor. */
 const ANCHOR_AWAY_MAX = 2048;
+/** Triangles of which lines are made in a frame, when wires are shown. */
+const LINED_TRIANGLES = 40_000;
 /** How long light and shadows take to follow what has changed. */
 const RESTLESS_SECONDS = 1.5;
 /** A machine whose frames take that long rests where it can. */
@@ -54,6 +56,8 @@ export class Session implements WorldShown<Session> {
   private readonly group: ChunkGroup;
   private readonly look: Look;
   private readonly objects = new Map<string, ChunkObject>();
+  /** Chunks that are still drawn as in the view before. */
+  private unstyled: ChunkObject[] = [];
   private readonly far: number;
   private view: View = "shaded";
   private seen = "";
@@ -62,6 +66,7 @@ export class Session implements WorldShown<Session> {
   /** Seconds for which the picture still changes. */
   private restless = RESTLESS_SECONDS;
 
+  /** @param screenPixels height of the picture; 0 of a page that is not shown yet */
   constructor(
     renderer: WebGLRenderer,
     client: ChunkClient,
@@ -95,7 +100,7 @@ export class Session implements WorldShown<Session> {
       errorPixels: ERROR_PIXELS,
       chunksMax: CHUNKS_MAX,
       fovDegrees: FOV_DEGREES,
-      screenPixels,
+      screenPixels: Math.max(screenPixels, 1),
     };
     const canvas = {
       draw: this.draw.bind(this),
@@ -128,13 +133,32 @@ export class Session implements WorldShown<Session> {
     this.touch();
     this.view = view;
     this.look.setView(view);
-    for (const object of this.objects.values()) {
+    this.unstyled = [...this.objects.values()];
+    this.restyle(view === "wireframe" ? LINED_TRIANGLES : Infinity);
+  }
+
+  /** Whether all that is wanted is shown, as it is wanted. */
+  get isSettled(): boolean {
+    return this.terrain.isSettled && this.unstyled.length === 0;
+  }
+
+  /** Shows chunks of so many triangles as the view has them: lines are made of triangles, which takes its time. */
+  private restyle(trianglesMax: number): void {
+    for (let triangles = 0; triangles < trianglesMax && this.unstyled.length > 0;) {
+      const object = this.unstyled.pop()!;
       object.material = this.look.materialFor(object.chunk);
+      triangles += object.chunk.indices.length / 3;
+      this.touch();
     }
   }
 
+  /** A page that is hidden may have no size: what is drawn stays as it was then. */
   resize(width: number, height: number): void {
+    if (width === 0 || height === 0) {
+      return;
+    }
     this.touch();
+    this.terrain.resize(height);
     this.camera.aspect = width / height;
     this.look.resize(width, height);
   }
@@ -143,6 +167,7 @@ export class Session implements WorldShown<Session> {
   frame(wish: Wish, elapsed: number): void {
     this.motion.move(wish, elapsed, this.terrain.covers(this.pose.position));
     const { position, ahead, up } = this.pose;
+    this.restyle(LINED_TRIANGLES);
     this.following.update();
     this.terrain.update(position, this.motion.voxelsPerSecond);
     if (lengthOf(minus(position, this.group.anchor)) > ANCHOR_AWAY_MAX) {

@@ -29,6 +29,9 @@ const STAGES: readonly number[] = [16, 4, 1];
 /** Milliseconds between two looks at what is to be shown, while chunks are on their way. */
 const SELECT_MS = 120;
 
+/** Bytes of meshes that are handed to the graphics card in a frame, and more only if one step has more. */
+const DRAWN_BYTES = 2_000_000;
+
 /** Where chunks are drawn. Those without triangles are not among them. */
 export interface Canvas {
   draw(name: string, mesh: ChunkMesh): void;
@@ -43,7 +46,9 @@ interface Step {
 }
 
 export class Terrain {
-  private readonly stages: readonly LevelOfDetail[];
+  private stages: readonly LevelOfDetail[];
+  /** What has made the selection, and knows what was split in it. */
+  private selector: LevelOfDetail | null = null;
   private readonly fetching: Fetching;
   private stage = 0;
   private selection: Selection | null = null;
@@ -68,13 +73,12 @@ export class Terrain {
   constructor(
     client: ChunkClient,
     world: AnyWorld,
-    shown: Pick<AnyWorld, "chunkCells" | "lods" | "low" | "high" | "geometricErrors">,
-    options: ViewOptions,
+    private readonly shown: Pick<AnyWorld, "chunkCells" | "lods" | "low" | "high" | "geometricErrors">,
+    private options: ViewOptions,
     private readonly canvas: Canvas,
     failed: (error: unknown) => void,
   ) {
-    const { errorPixels = 4 } = options;
-    this.stages = STAGES.map((times) => new LevelOfDetail(shown, { ...options, errorPixels: errorPixels * times }));
+    this.stages = stagesOf(shown, options);
     this.chunkCells = world.chunkCells;
     this.fetching = new Fetching(client, world, {
       arrived: (mesh) => this.arrived(mesh),
@@ -92,7 +96,7 @@ export class Terrain {
 
   /** Whether what is drawn is what is wanted, at full detail. */
   get isSettled(): boolean {
-    return this.steps.length === 0 && !this.isChanged && this.selection !== null && this.isLastStage;
+    return this.steps.length === 0 && !this.isChanged && this.selector === this.stages.at(-1);
   }
 
   /** Whether a first, coarse world around the viewer was drawn completely. */
@@ -102,6 +106,11 @@ export class Terrain {
 
   get chunks(): number {
     return this.drawn.size;
+  }
+
+  /** Chunks that have come, wanted by then or not. */
+  get received(): number {
+    return this.fetching.arrived;
   }
 
   /** Of waiting, for one that came. */
@@ -142,10 +151,18 @@ export class Terrain {
     return false;
   }
 
+  /** The picture is of another height, in pixels: more or less detail is wanted of the same places. */
+  resize(screenPixels: number): void {
+    if (screenPixels !== this.options.screenPixels) {
+      this.options = { ...this.options, screenPixels };
+      this.stages = stagesOf(this.shown, this.options);
+    }
+  }
+
   /** The viewer is somewhere else all at once: begins with a coarse world there. */
   jump(): void {
     this.stage = 0;
-    this.selection = null;
+    this.selector = null;
     this.selectedAt = -Infinity;
     this.isChanged = true;
   }
@@ -204,21 +221,21 @@ export class Terrain {
   }
 
   private select(position: Triple, velocity: Triple): void {
-    if (this.selection !== null && !this.isLastStage && this.steps.length === 0 && !this.isChanged) {
+    if (this.selector !== null && !this.isLastStage && this.steps.length === 0 && !this.isChanged) {
       this.stage += 1;
       this.isBegun = true;
-      this.selection = null;
     }
-    const before = this.selection;
-    this.selection = this.stages[this.stage]!.select(position, velocity, before);
+    const levels = this.stages[this.stage]!;
+    const before = this.selector === levels ? this.selection : null;
+    this.selection = levels.select(position, velocity, before);
+    this.selector = levels;
     this.isChanged ||= this.selection.chunks !== before?.chunks;
   }
 
   /** Works out what has to be swapped, and asks for what is missing. */
   private plan(position: Triple): void {
     const wanted = this.selection!.chunks;
-    const marked = new Map([...this.drawn].map(([name, chunk]) => [this.stale.has(name) ? `${name}!` : name, chunk]));
-    this.steps = swaps(marked, wanted).map(({ old, new: fresh }) => this.step(old, fresh));
+    this.steps = swaps(this.marked(), wanted).map(({ old, new: fresh }) => this.step(old, fresh));
     this.stepOf = new Map(this.steps.flatMap((step) => [...step.fresh.keys()].map((name) => [name, step])));
     for (const name of this.ready.keys()) {
       if (!this.stepOf.has(name)) {
@@ -232,6 +249,13 @@ export class Terrain {
     }
   }
 
+  /** What is drawn, with other names for what is out of date. */
+  private marked(): ChunkSet {
+    return this.stale.size === 0
+      ? this.drawn
+      : new Map([...this.drawn].map(([name, chunk]) => [this.stale.has(name) ? `${name}!` : name, chunk]));
+  }
+
   private step(old: ChunkSet, fresh: ChunkSet): Step {
     let missing = 0;
     for (const name of fresh.keys()) {
@@ -240,27 +264,37 @@ export class Terrain {
     return { old: Array.from(old.values(), chunkName), fresh, missing };
   }
 
-  /** Does the steps whose chunks have all come. */
+  /** Does the steps whose chunks have all come, until enough is drawn for one frame: the first of them is done anyway. */
   private advance(): void {
-    const done = this.steps.filter((step) => step.missing === 0);
-    if (done.length === 0) {
-      return;
-    }
-    for (const step of done) {
-      for (const name of step.old) {
-        this.remove(name);
-      }
-      for (const [name, chunk] of step.fresh) {
-        this.remove(name); // the same chunk from before an edit
-        this.drawn.set(name, chunk);
-        const mesh = this.ready.get(name)!;
-        this.ready.delete(name);
-        if (mesh.content === "surface") {
-          this.canvas.draw(name, mesh);
-        }
+    let bytes = 0;
+    const left: Step[] = [];
+    for (const step of this.steps) {
+      if (step.missing > 0 || bytes >= DRAWN_BYTES) {
+        left.push(step);
+      } else {
+        bytes += this.take(step);
       }
     }
-    this.steps = this.steps.filter((step) => step.missing > 0);
+    this.steps = left;
+  }
+
+  /** Draws what has come in place of what was there; returns how many bytes that is. */
+  private take(step: Step): number {
+    let bytes = 0;
+    for (const name of step.old) {
+      this.remove(name);
+    }
+    for (const [name, chunk] of step.fresh) {
+      this.remove(name); // the same chunk from before an edit
+      this.drawn.set(name, chunk);
+      const mesh = this.ready.get(name)!;
+      this.ready.delete(name);
+      if (mesh.content === "surface") {
+        this.canvas.draw(name, mesh);
+        bytes += mesh.positions.byteLength + mesh.normals.byteLength + mesh.indices.byteLength;
+      }
+    }
+    return bytes;
   }
 
   private remove(name: string): void {
@@ -279,6 +313,12 @@ export class Terrain {
     this.ready.set(name, mesh);
     step.missing -= 1;
   }
+}
+
+/** Coarser and coarser choices, the first one to be shown first. */
+function stagesOf(shown: ConstructorParameters<typeof LevelOfDetail>[0], options: ViewOptions): LevelOfDetail[] {
+  const { errorPixels = 4 } = options;
+  return STAGES.map((times) => new LevelOfDetail(shown, { ...options, errorPixels: errorPixels * times }));
 }
 
 /** The nearest first, of two that are as near the coarser. */

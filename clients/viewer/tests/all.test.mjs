@@ -1,3 +1,4 @@
+import "./bins.test.mjs";
 import "./following.test.mjs";
 import "./look.test.mjs";
 import "./recovery.test.mjs";

@@ -7,16 +7,22 @@ const WORLD = { kind: "seed", chunkCells: 32, lods: 4, low: [-4096, -4096, -4096
 const ERRORS = [0.25, 0.5, 1, 2];
 const NOWHERE_SOON = [0, 0, 0];
 
+/** What a mesh holds, of so many bytes each. */
+function arraysOf(byteLength) {
+  return { positions: { byteLength }, normals: { byteLength }, indices: { byteLength } };
+}
+
 /** A server whose chunks come when `answer` is called. */
 class Server {
   asked = [];
+  meshBytes = 1000;
 
   async *chunks(_world, chunks, { signal }) {
     const wanted = [...chunks];
     await new Promise((resolve) => this.asked.push(resolve));
     for (const { coarser, ...key } of wanted) {
       signal.throwIfAborted();
-      yield { key, coarser, content: "surface" };
+      yield { key, coarser, content: "surface", ...arraysOf(this.meshBytes) };
     }
   }
 
@@ -29,10 +35,12 @@ class Server {
 /** What is drawn, by name; nothing twice. */
 class Canvas {
   drawn = new Map();
+  draws = 0;
 
   draw(name, mesh) {
     assert.ok(!this.drawn.has(name), `${name} is drawn twice`);
     this.drawn.set(name, mesh.key);
+    this.draws += 1;
   }
 
   remove(name) {
@@ -125,7 +133,7 @@ class Edited {
   async *chunks(_world, chunks, { minRevision = 0n }) {
     const meshes = [...chunks].map(({ coarser, ...key }) => {
       this.asked += 1;
-      return { key, coarser, content: "surface", revision: this.revisionOf(key) };
+      return { key, coarser, content: "surface", revision: this.revisionOf(key), ...arraysOf(1000) };
     });
     this.leastAsked.push([minRevision, this.revision]);
     for (let count = 0; count < meshes.length; count++) {
@@ -237,4 +245,67 @@ test("chunks that cannot be had are asked for again when that is wanted, and not
   terrain.resume();
   await settle(terrain, server, [16, 16, 16]);
   assert.ok(terrain.isPresentable);
+});
+
+test("another height of the picture is another choice of levels, the same as if it had been so from the start", async () => {
+  const names = async (heights) => {
+    const [server, canvas] = [new Server(), new Canvas()];
+    const options = { errorPixels: 8, screenPixels: heights[0], reach: 512 };
+    const failed = (error) => assert.fail(error);
+    const terrain = new Terrain(server, WORLD, { ...WORLD, geometricErrors: ERRORS }, options, canvas, failed);
+    await settle(terrain, server, [16, 16, 16]);
+    for (const height of heights.slice(1)) {
+      terrain.resize(height);
+      assert.ok(!terrain.isSettled);
+      await settle(terrain, server, [16, 16, 16]);
+      assert.deepEqual(canvas.doubled, []);
+    }
+    return new Set(canvas.drawn.keys());
+  };
+  const [small, large] = [await names([360]), await names([2160])];
+  assert.ok(large.size > small.size);
+  assert.deepEqual(await names([360, 2160]), large);
+  assert.deepEqual(await names([2160, 360]), small);
+});
+
+test("what has come at once is drawn step by step over frames, and no frame shows a hole or a chunk twice", async () => {
+  const [server, canvas] = [new Server(), new Canvas()];
+  const options = { errorPixels: 8, screenPixels: 720, reach: 512 };
+  const failed = (error) => assert.fail(error);
+  const terrain = new Terrain(server, WORLD, { ...WORLD, geometricErrors: ERRORS }, options, canvas, failed);
+  await settle(terrain, server, [16, 16, 16]);
+  const volume = () => [...canvas.drawn.values()].reduce((sum, { lod }) => sum + 8 ** lod, 0);
+  const [before, full] = [new Set(canvas.drawn.keys()), volume()];
+  server.meshBytes = 4_000_000;
+  const touches = (one, other) =>
+    ["x", "y", "z"].every((axis) => {
+      const [low, next] = [one, other].map((key) => key[axis] * 2 ** key.lod);
+      return low <= next + 2 ** other.lod && next <= low + 2 ** one.lod;
+    });
+  const apart = [];
+  for (const key of canvas.drawn.values()) {
+    if (!apart.some((other) => touches(key, other))) {
+      apart.push(key);
+    }
+  }
+  assert.ok(apart.length > 2);
+  terrain.outdate(
+    apart.map(({ lod, x, y, z }) => ({ lod, low: [x, y, z], high: [x, y, z] })),
+    1n,
+  );
+  const draws = [];
+  for (let frame = 0; frame < 400 && !terrain.isSettled; frame++) {
+    const was = canvas.draws;
+    terrain.update([16, 16, 16], NOWHERE_SOON);
+    draws.push(canvas.draws - was);
+    assert.equal(volume(), full);
+    assert.deepEqual(canvas.doubled, []);
+    await server.answer();
+  }
+  assert.ok(terrain.isSettled);
+  assert.deepEqual(new Set(canvas.drawn.keys()), before);
+  assert.deepEqual(
+    draws.filter((count) => count > 0),
+    apart.map(() => 1),
+  );
 });

@@ -1,8 +1,9 @@
 /** What to draw while chunks are still on their way: docs/level-of-detail.md, "While chunks load". */
 
 import { isStale, type ChunkRange } from "./edits.js";
+import { KeyTable } from "./key_table.js";
 import type { ChunkSet } from "./levels.js";
-import { chunkName, keyName, type ChunkKey, type FittedChunk } from "./mesh.js";
+import type { FittedChunk } from "./mesh.js";
 
 /** Chunks that take the place of others, all at once. */
 export interface Swap {
@@ -18,22 +19,25 @@ export interface Swap {
  * under that name.
  */
 export function swaps(drawn: ChunkSet, wanted: ChunkSet): Swap[] {
-  const gone = changes(drawn, wanted);
-  const come = changes(wanted, drawn);
-  const keys = new Set([...gone.keys(), ...come.keys()]);
-  return groups(keys, (key) => (gone.get(key) ?? come.get(key)!)[0]![1]).map((group) => ({
-    old: new Map(group.flatMap((key) => gone.get(key) ?? [])),
-    new: new Map(group.flatMap((key) => come.get(key) ?? [])),
-  }));
+  const [gone, come] = [missing(drawn, wanted), missing(wanted, drawn)];
+  const table = new KeyTable(gone.length + come.length);
+  const numbers = [...gone, ...come].map(([, chunk]) => table.add(chunk));
+  const found: { old: Map<string, FittedChunk>; new: Map<string, FittedChunk> }[] = [];
+  const groupOf = groups(table);
+  for (const [at, number] of numbers.entries()) {
+    const swap = (found[groupOf[number]!] ??= { old: new Map(), new: new Map() });
+    const [name, chunk] = at < gone.length ? gone[at]! : come[at - gone.length]!;
+    (at < gone.length ? swap.old : swap.new).set(name, chunk);
+  }
+  return found;
 }
 
-/** What a set has and the other has not, by `keyName`. */
-function changes(set: ChunkSet, other: ChunkSet): Map<string, [name: string, chunk: FittedChunk][]> {
-  const found = new Map<string, [string, FittedChunk][]>();
+/** What a set has and the other has not. */
+function missing(set: ChunkSet, other: ChunkSet): (readonly [name: string, chunk: FittedChunk])[] {
+  const found: (readonly [string, FittedChunk])[] = [];
   for (const entry of set) {
     if (!other.has(entry[0])) {
-      const key = keyName(entry[1]);
-      found.set(key, [...(found.get(key) ?? []), entry]);
+      found.push(entry);
     }
   }
   return found;
@@ -48,70 +52,53 @@ function changes(set: ChunkSet, other: ChunkSet): Map<string, [name: string, chu
  * @param stale of the edit
  */
 export function redraws(drawn: ChunkSet, stale: readonly ChunkRange[]): ChunkSet[] {
-  const changed = new Map<string, FittedChunk>();
-  for (const chunk of drawn.values()) {
-    if (isStale(chunk, stale)) {
-      changed.set(keyName(chunk), chunk);
-    }
+  const changed = [...drawn].filter(([, chunk]) => isStale(chunk, stale));
+  const table = new KeyTable(changed.length);
+  const numbers = changed.map(([, chunk]) => table.add(chunk));
+  const found: Map<string, FittedChunk>[] = [];
+  const groupOf = groups(table);
+  for (const [at, number] of numbers.entries()) {
+    (found[groupOf[number]!] ??= new Map()).set(...changed[at]!);
   }
-  return groups(changed.keys(), (key) => changed.get(key)!).map((keys) =>
-    among(
-      keys.map((key) => changed.get(key)!),
-      drawn,
-    ),
-  );
+  return found;
 }
 
-function among(chunks: readonly FittedChunk[], set: ChunkSet): ChunkSet {
-  return new Map(chunks.map((chunk) => [chunkName(chunk), chunk] as const).filter(([name]) => set.has(name)));
-}
-
-/** The keys in groups: those of different groups do not touch. */
-function groups(names: Iterable<string>, keyOf: (name: string) => ChunkKey): string[][] {
-  const leader = new Map(Array.from(names, (name) => [name, name]));
-  const first = (name: string): string => {
-    for (let up = leader.get(name)!; up !== name; up = leader.get(name)!) {
-      leader.set(name, leader.get(up)!);
-      name = leader.get(name)!;
+/** By the number of a key, the number of its group: those of different groups do not touch. */
+function groups(table: KeyTable): Int32Array {
+  const { keys } = table;
+  const leader = Int32Array.from(keys, (_, number) => number);
+  const first = (number: number): number => {
+    while (leader[number] !== number) {
+      leader[number] = leader[leader[number]!]!;
+      number = leader[number]!;
     }
-    return name;
+    return number;
   };
-  const lods = [...new Set(Array.from(leader.keys(), (name) => keyOf(name).lod))].sort((one, other) => one - other);
-  for (const name of leader.keys()) {
-    for (const other of touched(keyOf(name), lods)) {
-      if (leader.has(other)) {
-        leader.set(first(other), first(name));
+  const lods = [...new Set(keys.map(({ lod }) => lod))];
+  for (const [number, { lod: finer, x, y, z }] of keys.entries()) {
+    for (const lod of lods) {
+      if (lod < finer) {
+        continue;
       }
-    }
-  }
-  const found = new Map<string, string[]>();
-  for (const name of leader.keys()) {
-    const group = found.get(first(name));
-    if (group === undefined) {
-      found.set(first(name), [name]);
-    } else {
-      group.push(name);
-    }
-  }
-  return [...found.values()];
-}
-
-/** The chunks of some levels, none finer, that a chunk touches or lies in. */
-function* touched(key: ChunkKey, lods: readonly number[]): Generator<string> {
-  for (const lod of lods) {
-    if (lod < key.lod) {
-      continue;
-    }
-    const wide = 2 ** (lod - key.lod);
-    const [xs, ys, zs] = [key.x, key.y, key.z].map(
-      (place) => new Set([-1, 0, 1].map((step) => Math.floor((place + step) / wide))),
-    );
-    for (const x of xs!) {
-      for (const y of ys!) {
-        for (const z of zs!) {
-          yield keyName({ lod, x, y, z });
+      // the chunks of a level, none finer, that this one touches or lies in
+      const wide = 2 ** (lod - finer);
+      const [x1, y1, z1] = [Math.floor((x + 1) / wide), Math.floor((y + 1) / wide), Math.floor((z + 1) / wide)];
+      for (let i = Math.floor((x - 1) / wide); i <= x1; i++) {
+        for (let j = Math.floor((y - 1) / wide); j <= y1; j++) {
+          for (let k = Math.floor((z - 1) / wide); k <= z1; k++) {
+            const other = table.find(lod, i, j, k);
+            if (other >= 0) {
+              leader[first(other)] = first(number);
+            }
+          }
         }
       }
     }
   }
+  const numberOf = new Map<number, number>();
+  return leader.map((_, number) => {
+    const group = numberOf.get(first(number)) ?? numberOf.size;
+    numberOf.set(first(number), group);
+    return group;
+  });
 }

@@ -158,12 +158,9 @@ export class Look {
     return { shaded: this.shaded, wireframe: lines, levels, normals }[this.view];
   }
 
-  /** Also for all chunks that are in the scene. */
+  /** Whoever has chunks in the scene gives them the materials of the view. */
   setView(view: View): void {
     this.view = view;
-    for (const chunk of chunksOf(this.scene)) {
-      chunk.material = this.materialFor(chunk.chunk);
-    }
   }
 
   /**
