@@ -305,6 +305,30 @@ test("own edits are drawn once, though the stream tells of them, before or after
   assert.deepEqual(page.outdated, [1, 2, 3]);
 });
 
+test("own edits are drawn once, though the log that is read has them", async () => {
+  const page = await following(({ server }) => (server.streamError = new StreamEnded(4400)));
+  await page.following.edit(STROKES);
+  page.server.write();
+  await page.pass(4_000);
+  assert.deepEqual(page.outdated, [1, 2]);
+});
+
+test("a stream that cannot be opened while nothing is heard at all counts for nothing", async () => {
+  const page = await following();
+  let refuse;
+  page.server.open = page.following.around.open = () => new Promise((_, reject) => (refuse = reject));
+  page.stream.ended = new StreamEnded(1011);
+  await page.pass(1_000);
+  page.server.wrong = () => new Unreachable("no answer");
+  await page.pass(4_000);
+  assert.equal(page.failures.length, 1);
+  const asked = page.server.asked.length;
+  refuse(new Unreachable("no welcome"));
+  await page.pass(10_000);
+  assert.equal(page.server.asked.length, asked);
+  assert.deepEqual(page.clock.timers, []);
+});
+
 test("own edits and those of others in one message are drawn anew", async () => {
   const page = await following();
   page.stream.tell = () => {};

@@ -209,10 +209,14 @@ test("a world that is not there at the start is said to be, with what there is t
   const { page, worlds } = await shown((it) => (it.wrong = (id) => (id === "one" ? refusal(404) : null)));
   assert.equal(page.held, "404 no: because of 404");
   assert.deepEqual(page.chosen, [null]);
-  page.wrong = () => null;
+  page.wrong = () => new Unreachable("no answer");
   await worlds.show(linkOf("two"));
+  assert.match(page.held, /is away/, "what was wrong before does not count");
+  page.wrong = () => null;
+  await page.clock.pass(10_000);
   assert.equal(page.held, null);
   assert.equal(worlds.current, page.made[0]);
+  assert.equal(worlds.current.world.id, "two");
 });
 
 for (const [what, fail] of [
