@@ -31,7 +31,12 @@ GROWTH_MAX: Final = 3.0
 STRAY_CELLS: Final = 2
 """A closed piece of surface is stray if its extent along every axis is under so many cells."""
 
-PLACES: Final[dict[str, Place]] = {"planet": (0, 200, 0), "moon": (0, 400, 0), "ring": (0, 0, -640)}
+PLACES: Final[dict[str, Place]] = {
+    "planet": (0, 200, 0),
+    "moon": (0, 400, 0),
+    "ring": (0, 0, -640),
+    "continents": (0, 10_020, 0),
+}
 """Where the reference view of a built-in is, in voxels: where its surface is. The origin for the others."""
 
 SHAPE: Final = ChunkShape()

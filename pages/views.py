@@ -57,6 +57,9 @@ _SEA: Final = Ground(
     hidden=(0.20, 0.18, 0.15),
     change=(-6, 6),
 )
+_OCEANS: Final = _SEA._replace(
+    low=(0.012, 0.055, 0.12), high=(0.12, 0.145, 0.055), steep=(0.26, 0.22, 0.17), change=(-12, 10), radius=10_000.0
+)
 _RED: Final = Ground(
     low=(0.26, 0.16, 0.085),
     high=(0.42, 0.21, 0.105),
@@ -240,6 +243,14 @@ VIEWS: Final = (
         Light(azimuth=70, elevation=50, haze=20000),
         _INSIDE,
         Extent(far=1600),
+    ),
+    View(
+        "continents",
+        "continents",
+        Camera((9400, 7800, 27000), (0, 0, 0), across=62, width=MIDDLE[0], height=MIDDLE[1]),
+        Light(azimuth=60, elevation=30, space=True),
+        _OCEANS,
+        Extent(far=40_000, floor=-330, radius=10_000.0),
     ),
     View(
         "guide-shapes",

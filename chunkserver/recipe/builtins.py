@@ -11,6 +11,7 @@ from chunkserver.errors import BadRecipe
 from chunkserver.recipe.library.arches import arches
 from chunkserver.recipe.library.canyon import canyon
 from chunkserver.recipe.library.city import city
+from chunkserver.recipe.library.continents import continents
 from chunkserver.recipe.library.floating_islands import floating_islands
 from chunkserver.recipe.library.islands import islands
 from chunkserver.recipe.library.moon import moon
@@ -43,6 +44,7 @@ BUILTINS: Final[dict[str, Builtin]] = {
     "city": city,
     "spires": spires,
     "ring": ring,
+    "continents": continents,
 }
 
 

@@ -30,6 +30,8 @@ KEYS = [
     ChunkKey(0, 2**34 - 1, -1, -(2**34)),
 ]
 """Within the world for each size of chunk."""
+FURTHER_KEYS = {"continents": [ChunkKey(0, 100, -272, -122), ChunkKey(2, 37, 37, 57), ChunkKey(9, 0, 0, -1)]}
+"""Where there is ground of a world that has none around the origin."""
 MASKS = (1, 26, 63)
 """Of faces with coarser neighbours."""
 
@@ -41,7 +43,8 @@ WIDTHS = (8, 5, 4, 11, 3, 12, 8, 9, 9) + (2 * DIGEST_BYTES,) * len(DIGESTS)
 def chunk_lines() -> Iterator[str]:
     """Yield the lines of `chunks.txt`: a heading, then a chunk each."""
     yield _columns(*COLUMNS, *DIGESTS)
-    for recipe, key, cells in product(BUILTINS, KEYS, CELLS_BUILT):
+    keys = [(recipe, key) for recipe in BUILTINS for key in KEYS + FURTHER_KEYS.get(recipe, [])]
+    for (recipe, key), cells in product(keys, CELLS_BUILT):
         world = WorldRecipe(SEED, builtin(recipe))
         mesh, floats = chunk_mesh(world, key, cells), chunk_mesh(world, key, cells, "float32")
         yield _columns(recipe, cells, *key, *_described(mesh, floats))

@@ -19,8 +19,6 @@ import { extentOf } from "./world.js";
 import type { Troubles, WorldShown } from "./worlds.js";
 
 export const FOV_DEGREES = 60;
-/** How far the surface may seem to be off, in pixels. */
-const ERROR_PIXELS = 8;
 /** Of a level, in its cells, whatever the server says. */
 const ERROR_LEAST = 0.15;
 /** More would take long to come, and to draw. */
@@ -97,7 +95,6 @@ export class Session implements WorldShown<Session> {
     const shown = { ...world, lods, geometricErrors: errorsOf(world, lods) };
     const options = {
       ...view,
-      errorPixels: ERROR_PIXELS,
       chunksMax: CHUNKS_MAX,
       fovDegrees: FOV_DEGREES,
       screenPixels: Math.max(screenPixels, 1),

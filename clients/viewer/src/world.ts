@@ -75,10 +75,16 @@ export function serverUrl(): string {
   return new URL(".", location.href.split("#")[0]).href.replace(/\/+$/, "");
 }
 
-/** How far one sees in a world, as `LevelOfDetail` takes it. Voxels. */
+/** How far the surface may seem to be off, in pixels. Of a ball that large coasts are seen as a whole. */
+const ERROR_PIXELS = 8;
+const ERROR_PIXELS_LARGE = 2;
+const RADIUS_LARGE = 2000;
+
+/** How far one sees in a world, and how finely, as `LevelOfDetail` takes it. Voxels. */
 export interface Extent {
   readonly lods: number;
   readonly reach: number;
+  readonly errorPixels: number;
   readonly box?: { readonly low: Triple; readonly high: Triple };
 }
 
@@ -86,7 +92,7 @@ export function extentOf(world: AnyWorld, { centre, radius }: Shape): Extent {
   const widest = (lods: number) => world.chunkCells * 2 ** (lods - 1);
   if (centre === null || radius === null) {
     const lods = Math.min(world.lods, LODS_FLAT);
-    return { lods, reach: Math.min(REACH_FLAT, BALL_WIDTHS * widest(lods)) };
+    return { lods, reach: Math.min(REACH_FLAT, BALL_WIDTHS * widest(lods)), errorPixels: ERROR_PIXELS };
   }
   let lods = 1;
   while (lods < world.lods && widest(lods) < 2 * BALL_BOX * radius) {
@@ -95,5 +101,6 @@ export function extentOf(world: AnyWorld, { centre, radius }: Shape): Extent {
   const room = Math.ceil(BALL_BOX * radius) + world.chunkCells;
   const low = centre.map((at) => Math.floor(at - room)) as unknown as Triple;
   const high = centre.map((at) => Math.ceil(at + room)) as unknown as Triple;
-  return { lods, reach: BALL_WIDTHS * widest(lods), box: { low, high } };
+  const errorPixels = radius < RADIUS_LARGE ? ERROR_PIXELS : ERROR_PIXELS_LARGE;
+  return { lods, reach: BALL_WIDTHS * widest(lods), errorPixels, box: { low, high } };
 }

@@ -27,10 +27,15 @@ const RAYLEIGH_UP = [0.046, 0.108, 0.265] as const;
 const MIE_UP = 0.022;
 const SUN = 20;
 
-/** The air of a flat world is that of a ball as large as the Earth under it. radius: metres, null for a flat world. */
-export function airUniforms(radius: number | null, airless: boolean): AirUniforms {
+/**
+ * The air of a flat world is that of a ball as large as the Earth under it.
+ *
+ * @param radius metres, null for a flat world
+ * @param height of the air of a planet, in radii: where its density is a e-th
+ */
+export function airUniforms(radius: number | null, airless: boolean, height: number): AirUniforms {
   const ground = radius === null ? EARTH_RADIUS : radius * 0.97;
-  const [molecules, haze] = radius === null ? [8000, 1200] : [radius * 0.045, radius * 0.02];
+  const [molecules, haze] = radius === null ? [8000, 1200] : [radius * height, radius * height * 0.45];
   const thickness = airless ? 0 : radius === null ? 1 : 1.15;
   const [red, green, blue] = RAYLEIGH_UP;
   return {

@@ -5,10 +5,14 @@ import { ShaderMaterial, Vector3, type Texture } from "three";
 
 import { AIR, type AirUniforms } from "./air.js";
 import { CITY } from "./city.js";
+import { CLIMATE } from "./climate.js";
+import { CLOUDS, type CloudUniforms } from "./clouds.js";
+import type { GlobeUniforms } from "./globe.js";
 import { OPENNESS, type OpennessUniforms } from "./openness.js";
 import type { Ground } from "./palette.js";
 import { PERIOD, TURNS } from "./period.js";
-import { SKY, type SkyUniforms } from "./sky.js";
+import { SEA, type SeaUniforms } from "./sea.js";
+import { HAZE, SKY, type SkyUniforms } from "./sky.js";
 import { SHADOW, type ShadowUniforms } from "./shadows.js";
 import type { Quality } from "./quality.js";
 import { SLOPE_MAX } from "./noise.js";
@@ -26,6 +30,23 @@ export interface GroundUniforms {
   visibility: { value: number };
 }
 
+export type Defines = Readonly<Record<string, number | string>>;
+
+/** What is told to the shaders of the ground and the sky alike: which parts of them a world needs. */
+export function definesOf(ground: Ground, isPlanet: boolean, quality: Quality): Defines {
+  const has = (name: string, is: boolean): Defines => (is ? { [name]: 1 } : {});
+  return {
+    DRYER: isPlanet && !ground.hasClimate ? "0.02" : "0.0",
+    AIR_STEPS: quality === "high" ? 5 : 2,
+    ...has("PLANET", isPlanet),
+    ...has("CITY", ground.isCity),
+    ...has("FINE", quality === "high"),
+    ...has("SEA", ground.sea !== null),
+    ...has("CLOUDS", isPlanet && ground.clouds !== null),
+    ...has("CLIMATE", isPlanet && ground.hasClimate),
+  };
+}
+
 /** Everything the ground is drawn with. */
 export interface GroundParts {
   readonly ground: Ground;
@@ -34,23 +55,29 @@ export interface GroundParts {
   readonly sky: SkyUniforms;
   readonly shadow: ShadowUniforms;
   readonly openness: OpennessUniforms;
+  readonly sea: SeaUniforms;
+  readonly clouds: CloudUniforms;
+  readonly globe: GlobeUniforms;
   readonly rock: Texture;
   readonly soil: Texture;
   /** Metres; null for a flat world. */
   readonly radius: number | null;
   readonly voxelSize: number;
-  readonly quality: Quality;
+  readonly defines: Defines;
 }
 
 /** The material of all chunks in daylight. */
 export function groundMaterial(parts: GroundParts): ShaderMaterial {
-  const { ground, radius, quality } = parts;
+  const { ground, radius } = parts;
   const uniforms = {
     ...parts.own,
     ...parts.air,
     ...parts.sky,
     ...parts.shadow,
     ...parts.openness,
+    ...parts.sea,
+    ...parts.clouds,
+    ...parts.globe,
     rockNoise: { value: parts.rock },
     soilNoise: { value: parts.soil },
     rockColour: { value: new Vector3(...ground.rock) },
@@ -69,17 +96,7 @@ export function groundMaterial(parts: GroundParts): ShaderMaterial {
     radius: { value: radius ?? 0 },
     voxelSize: { value: parts.voxelSize },
   };
-  const defines: Record<string, number | string> = { DRYER: "0.0", AIR_STEPS: quality === "high" ? 5 : 2 };
-  if (radius !== null) {
-    defines["PLANET"] = 1;
-    defines["DRYER"] = "0.02";
-  }
-  if (ground.isCity) {
-    defines["CITY"] = 1;
-  }
-  if (quality === "high") {
-    defines["FINE"] = 1;
-  }
+  const defines = { ...parts.defines };
   return placed(
     new ShaderMaterial({ uniforms, defines, vertexShader: VERTEX, fragmentShader: FRAGMENT, dithering: true }),
   );
@@ -112,7 +129,6 @@ varying vec3 outwards;
 uniform vec3 anchorLeft;
 uniform vec3 streetsLeft;
 uniform vec3 middle;
-uniform float visibility;
 uniform sampler2D rockNoise;
 uniform sampler2D soilNoise;
 uniform vec3 rockColour;
@@ -132,8 +148,12 @@ uniform float radius;
 uniform float voxelSize;
 ${AIR}
 ${SKY}
+${HAZE}
 ${SHADOW}
 ${OPENNESS}
+${CLOUDS}
+${SEA}
+${CLIMATE}
 
 /** A texture on one plane: height, slope along the plane's axes, coarse height. */
 vec4 plane(sampler2D noise, vec2 at, vec2 dx, vec2 dy, mat2 turn) {
@@ -206,7 +226,7 @@ void main() {
   // a texture is no longer seen where its period is a few pixels: what is left of it would only repeat
   float pixel = max(length(dx), length(dy));
   vec4 seen = 1.0 - smoothstep(vec4(1.2, 0.25, 0.09, 0.03), vec4(5.0, 1.1, 0.5, 0.2), vec4(pixel));
-  Detail vast = triplanar(soilNoise, at, weights, ${turns[0]});
+  Detail vast = faded(triplanar(soilNoise, at, weights, ${turns[0]}), 1.0 - smoothstep(5.0, 22.0, pixel));
   Detail wide = faded(triplanar(soilNoise, at, weights, ${turns[1]}), seen.x);
   Detail mid = faded(triplanar(soilNoise, at, weights, ${turns[2]}), seen.y);
   float patches = vast.height * 0.4 + wide.height * 0.5 + mid.height * 0.25;
@@ -223,19 +243,29 @@ void main() {
 #else
   float low = 1.0 - smoothstep(lowBelow - 1.0, lowBelow + 1.5, height + wide.height * 6.0 + mid.height * 2.0);
 #endif
+#ifdef CLIMATE
+  low *= 1.0 - 0.8 * smoothstep(4.0, 40.0, pixel);
+#endif
   float bare = smoothstep(grassSlope - 0.24, grassSlope - 0.06, slope + rugged * 1.4) * (1.0 - grass);
   float snowLine = snowAbove + wide.height * 9.0 + mid.height * 5.0;
-#ifdef PLANET
-  snowLine += 26.0 - 60.0 * smoothstep(0.62, 1.0, abs(up.y) + wide.height * 0.10);
-#endif
+#if defined(CLIMATE)
+  vec4 weather = texture(globe, fromMiddle);
+  snowLine = snowLineAt(abs(up.y), weather.b) + (vast.height + wide.height) * 22.0 + mid.height * 8.0;
+  float snow = smoothstep(-14.0, 18.0, height - snowLine) * smoothstep(0.52, 0.80, slope + rugged);
+#elif defined(PLANET)
+  snowLine += 26.0 - 52.0 * smoothstep(0.62, 1.0, abs(up.y) + wide.height * 0.10 + mid.height * 0.03);
+  float snow = smoothstep(-3.0, 5.0, height - snowLine) * smoothstep(0.42, 0.72, slope + rugged);
+#else
   float snow = smoothstep(-2.0, 3.0, height - snowLine) * smoothstep(0.35, 0.62, slope + rugged);
+#endif
 
   float rocky = (1.0 - grass) * (1.0 - bare) * (1.0 - snow);
   vec3 bump = vec3(0.0);
 #ifdef FINE
-  float strata = sin((height + mid.coarse * 3.0 + wide.height * 8.0) * 0.9) + 0.5 * sin((height + mid.height * 2.0) * 2.7 + 1.3);
+  vec2 shown = 1.0 - smoothstep(vec2(0.9, 0.3), vec2(2.6, 0.9), vec2(pixel / voxelSize));
+  float strata = shown.x * sin((height + mid.coarse * 3.0 + wide.height * 8.0) * 0.9) + 0.5 * shown.y * sin((height + mid.height * 2.0) * 2.7 + 1.3);
 #else
-  float strata = sin((height + mid.coarse * 3.0) * 0.9);
+  float strata = sin((height + mid.coarse * 3.0) * 0.9) * (1.0 - smoothstep(0.9, 2.6, pixel / voxelSize));
 #endif
   float fineTone = 0.0;
 #ifdef FINE
@@ -266,6 +296,9 @@ void main() {
   vec3 meadow = mix(grassColour, grassDryColour, clamp(0.32 + patches * 1.1 + fineTone * 0.2 + height * DRYER, 0.0, 1.0));
   meadow = mix(meadow, sandColour, smoothstep(0.12, 0.42, vast.height + 0.25 * wide.height));
   meadow *= mix(1.0, 0.40 + 1.15 * touch, max(roughness, 0.5));
+#ifdef CLIMATE
+  meadow = clad(meadow, up, height, weather, 1.0 - smoothstep(1.0, 8.0, pixel), touch);
+#endif
   vec3 earth = soilColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);
   vec3 bottom = lowColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);
   vec3 colour = mix(rock, earth, bare);
@@ -280,13 +313,31 @@ void main() {
   float shadow = lit > 0.0 ? sunlight(place, normal, far) : 0.0;
 #ifdef PLANET
   vec3 sun = sunLight * sunThrough(place - airCentre);
+  float clearSky = 1.0;
+#ifdef CLOUDS
+  clearSky = unclouded(place - airCentre);
+  sun *= clearSky;
+#endif
   float day = smoothstep(-0.25, 0.35, dot(up, sunDirection));
 #else
   vec3 sun = sunLight * sunThrough(vec3(0.0, airShape.x + 50.0, 0.0));
   float day = 1.0;
+  float clearSky = 1.0;
+#endif
+  vec3 ambience = vec3(2.5 * day);
+#ifdef SEA
+#ifdef PLANET
+  float shallow = sea.x - rise;
+#else
+  float shallow = cameraPosition.y - sea.y - place.y;
+#endif
+  vec3 dimmed = sunken(shallow);
+  sun *= dimmed;
+  ambience *= dimmed;
+  colour *= 1.0 - 0.4 * smoothstep(-1.6, -0.3, shallow + mid.height * 0.4);
 #endif
   float facing = 0.5 + 0.5 * dot(face, up);
-  vec3 ambient = mix(vec3(0.62, 0.52, 0.42), vec3(0.72, 1.0, 1.45), facing) * (2.5 * day) + 0.02;
+  vec3 ambient = mix(vec3(0.62, 0.52, 0.42), vec3(0.72, 1.0, 1.45), facing) * ambience + 0.02;
   vec3 bounce = sun * 0.045 * (1.0 - facing) * vec3(1.0, 0.9, 0.75);
   float crevice = mix(1.0, 0.45 + 0.85 * touch, 0.6 * roughness);
   vec3 light = sun * max(lit, 0.0) * shadow + (ambient + bounce) * open * crevice;
@@ -301,19 +352,13 @@ void main() {
   colour = mix(colour, skyAt(normalize(mirrored)).rgb * (0.25 + 0.75 * open), glass * fresnel);
 #endif
 
-#ifdef PLANET
-  vec3 added;
-  vec3 through;
-  scatter(cameraPosition - airCentre, -view, far, AIR_STEPS, added, through);
-  float clear = 0.45 + 0.15 * smoothstep(0.1, 0.8, length(cameraPosition - airCentre) / airShape.x - 1.0);
-  colour = colour * mix(through, vec3(1.0), clear) + added * (1.0 - clear);
-#else
-  float haze = far / visibility;
-  float through = exp(-0.5 * haze - 3.4 * haze * haze * haze);
-  vec3 ahead = -view;
-  ahead.y = max(ahead.y, 0.004);
-  colour = mix(skyAt(normalize(ahead)).rgb, colour, through);
+#ifdef SEA
+  colour = drowned(colour, -view, skyUp, far, max(shallow, 0.0), clearSky);
 #endif
+#ifdef CLOUDS
+  colour = overcast(colour, cameraPosition - airCentre, -view, far);
+#endif
+  colour = hazed(colour, -view, far);
   gl_FragColor = vec4(colour, 1.0);
   #include <tonemapping_fragment>
   #include <colorspace_fragment>

@@ -15,7 +15,9 @@ import {
   Color,
   Scene,
   SRGBColorSpace,
+  Vector2,
   Vector3,
+  Vector4,
   type Camera,
   type Material,
   type PerspectiveCamera,
@@ -24,12 +26,15 @@ import {
 
 import { airUniforms, type AirUniforms } from "./air.js";
 import { STREETS_PERIOD } from "./city.js";
-import { groundMaterial, type GroundUniforms } from "./ground.js";
+import { drift, type CloudUniforms } from "./clouds.js";
+import { Globe } from "./globe.js";
+import { definesOf, groundMaterial, type GroundUniforms } from "./ground.js";
 import { fill, inTasks, noNoise, rockNoise, soilNoise, textureOf } from "./noise.js";
 import { Openness } from "./openness.js";
 import { groundOf } from "./palette.js";
 import { remainder } from "./period.js";
 import { qualityOf, type Quality } from "./quality.js";
+import { blow, type SeaUniforms } from "./sea.js";
 import { Shadows } from "./shadows.js";
 import { Sky } from "./sky.js";
 import { sunFor } from "./sun.js";
@@ -57,6 +62,8 @@ const VISIBILITY_LEAST = 160;
 const VISIBILITY_MOST = 2400;
 const VISIBILITY_BY_HEIGHT = 5;
 const SHADOW_SIZE = 2048;
+/** Metres: nobody's eye is just in the surface of the sea. */
+const SEA_LEAST = 0.02;
 /** Milliseconds between two drawings of a map while chunks come in. */
 const MAP_EACH_MS = 120;
 
@@ -82,10 +89,18 @@ export class Look {
   private readonly shadows: Shadows;
   private readonly openness = new Openness();
   private readonly own: GroundUniforms;
+  private readonly seaUniforms: SeaUniforms;
+  private readonly cloudUniforms: CloudUniforms;
+  private readonly globe: Globe;
+  private readonly hasGlobe: boolean;
+  /** Of the sea, over the radius or y = 0; metres. */
+  private readonly seaHeight: number;
   private readonly textures;
   private readonly shaded: Material;
   private readonly views: ViewMaterials;
   private readonly cellUnits = { value: 1024 };
+  /** Of the picture, in pixels. */
+  private height = 1;
   private readonly sun = new Vector3();
   private survey: Survey | null = null;
   private signature = -1;
@@ -98,6 +113,10 @@ export class Look {
   private readonly outdate = () => {
     this.shadows.outdate();
     this.openness.outdate();
+  };
+  private readonly restored = () => {
+    this.outdate();
+    this.globe.outdate();
   };
 
   /** @param quality by default what the address asks for (`?quality=high`), or what the graphics card is up to */
@@ -113,8 +132,17 @@ export class Look {
     renderer.outputColorSpace = SRGBColorSpace;
     const ground = groundOf(world.seedOrRecipeName);
     const radius = world.isPlanet && world.radius !== null ? world.radius * world.voxelSize : null;
-    this.air = airUniforms(radius, ground.airless);
-    this.shadows = new Shadows(this.quality === "high" ? SHADOW_SIZE : 1);
+    this.air = airUniforms(radius, ground.airless, ground.air);
+    this.seaHeight = (ground.sea ?? 0) * world.voxelSize;
+    this.seaUniforms = {
+      sea: { value: new Vector2((radius ?? 0) + this.seaHeight, 1) },
+      waves: { value: new Vector3() },
+    };
+    this.cloudUniforms = { clouds: { value: new Vector4((radius ?? 0) * (1 + (ground.clouds ?? 0)), 1, 0, 0) } };
+    this.globe = new Globe(this.quality);
+    const defines = definesOf(ground, radius !== null, this.quality);
+    this.hasGlobe = "CLOUDS" in defines || "CLIMATE" in defines;
+    this.shadows = new Shadows(renderer, this.quality === "high" ? SHADOW_SIZE : 1);
     this.own = {
       anchorLeft: { value: new Vector3() },
       streetsLeft: { value: new Vector3() },
@@ -128,13 +156,16 @@ export class Look {
       fill(this.textures.rock, rock);
       fill(this.textures.soil, soil);
     });
-    this.sky = new Sky(
-      scene,
-      this.air,
-      this.quality === "high" ? 24 : 10,
-      radius === null && !ground.airless,
-      this.textures.soil,
-    );
+    this.sky = new Sky(scene, this.air, this.quality === "high" ? 24 : 10, {
+      uniforms: {
+        ...this.own,
+        ...this.seaUniforms,
+        ...this.cloudUniforms,
+        ...this.globe.uniforms,
+        soilNoise: { value: this.textures.soil },
+      },
+      defines: radius === null && !ground.airless ? { ...defines, FLAT: 1 } : defines,
+    });
     this.shaded = groundMaterial({
       ground,
       radius,
@@ -143,12 +174,15 @@ export class Look {
       sky: this.sky.uniforms,
       shadow: this.shadows.uniforms,
       openness: this.openness.uniforms,
+      sea: this.seaUniforms,
+      clouds: this.cloudUniforms,
+      globe: this.globe.uniforms,
       ...this.textures,
       voxelSize: world.voxelSize,
-      quality: this.quality,
+      defines,
     });
     this.views = viewMaterials(this.cellUnits);
-    renderer.domElement.addEventListener("webglcontextrestored", this.outdate);
+    renderer.domElement.addEventListener("webglcontextrestored", this.restored);
   }
 
   /** The same for all chunks of a view; already `placed`. */
@@ -177,6 +211,10 @@ export class Look {
       return;
     }
     this.placeSun(camera, up);
+    this.placeSea(camera, seconds);
+    if (this.hasGlobe) {
+      this.globe.update(this.renderer);
+    }
     this.sky.update(this.renderer, camera, up, seconds);
     const reach = this.visibilityFrom(camera);
     const visibility = this.own.visibility;
@@ -186,7 +224,9 @@ export class Look {
     }
   }
 
-  resize(_width: number, _height: number): void {}
+  resize(_width: number, height: number): void {
+    this.height = height;
+  }
 
   render(camera: PerspectiveCamera): void {
     const { renderer, scene } = this;
@@ -211,10 +251,11 @@ export class Look {
   }
 
   dispose(): void {
-    this.renderer.domElement.removeEventListener("webglcontextrestored", this.outdate);
+    this.renderer.domElement.removeEventListener("webglcontextrestored", this.restored);
     this.sky.dispose();
     this.shadows.dispose();
     this.openness.dispose();
+    this.globe.dispose();
     this.shaded.dispose();
     Object.values(this.views).forEach((material: Material) => material.dispose());
     Object.values(this.textures).forEach((texture) => texture.dispose());
@@ -262,6 +303,21 @@ export class Look {
     }
     const most = VISIBILITY_MOST + VISIBILITY_BY_HEIGHT * this.survey.nearest.distanceTo(camera.position);
     return Math.max(Math.min(this.survey.reach, most), VISIBILITY_LEAST);
+  }
+
+  private placeSea(camera: PerspectiveCamera, seconds: number): void {
+    const { middle } = this.own;
+    const { sea, waves } = this.seaUniforms;
+    const height = this.world.isPlanet
+      ? camera.position.distanceTo(middle.value) - sea.value.x
+      : camera.position.y - middle.value.y - this.seaHeight;
+    sea.value.y = Math.abs(height) < SEA_LEAST ? SEA_LEAST : height;
+    const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / this.height;
+    waves.value.z = pixel;
+    const { clouds } = this.cloudUniforms;
+    clouds.value.w = (pixel * this.globe.texels) / Math.max(clouds.value.x, 1);
+    blow(this.seaUniforms, seconds);
+    drift(this.cloudUniforms, seconds);
   }
 
   private placeSun(camera: PerspectiveCamera, up: Vector3): void {

@@ -31,6 +31,13 @@ export interface Ground {
   readonly airless: boolean;
   /** Whether it is built: streets and windows. */
   readonly isCity: boolean;
+  /** How high its sea stands; null if it has none. */
+  readonly sea: number | null;
+  /** Of a planet, how high its clouds are, and the height over which its air halves about twice, in radii. */
+  readonly clouds: number | null;
+  readonly air: number;
+  /** Whether a planet is large enough for climates. */
+  readonly hasClimate: boolean;
 }
 
 const NEVER = 1e9;
@@ -51,6 +58,10 @@ const MEADOWS: Ground = {
   roughness: 1,
   airless: false,
   isCity: false,
+  sea: null,
+  clouds: null,
+  air: 0.045,
+  hasClimate: false,
 };
 
 const DESERT: Ground = {
@@ -102,8 +113,18 @@ const CITY: Ground = {
 };
 
 const GROUNDS: Readonly<Record<string, Ground>> = {
-  planet: { ...MEADOWS, lowBelow: -9, snowAbove: 15 },
-  islands: { ...MEADOWS, low: srgb(0xcdb988), lowBelow: 3, snowAbove: 78 },
+  planet: { ...MEADOWS, low: srgb(0xa8986c), lowBelow: -5.5, snowAbove: 15, sea: -6.5, clouds: 0.2 },
+  continents: {
+    ...MEADOWS,
+    low: srgb(0xbfae82),
+    lowBelow: 4,
+    snow: srgb(0xbcc4cf),
+    sea: 0,
+    clouds: 0.06,
+    air: 0.028,
+    hasClimate: true,
+  },
+  islands: { ...MEADOWS, low: srgb(0xcdb988), lowBelow: 3, snowAbove: 78, sea: 0 },
   canyon: DESERT,
   arches: DESERT,
   moon: MOON,

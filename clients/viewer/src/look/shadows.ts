@@ -174,9 +174,11 @@ export class Shadows {
     }),
   );
 
-  constructor(size: number) {
+  constructor(renderer: WebGLRenderer, size: number) {
     this.near = new ShadowMap(size);
     this.far = new ShadowMap(size);
+    // a shader that compares may not be given a texture that is none
+    [this.near, this.far].forEach(({ target }) => renderer.initRenderTarget(target));
     this.uniforms = {
       shadowNear: { value: this.near.target.depthTexture },
       shadowFar: { value: this.far.target.depthTexture },

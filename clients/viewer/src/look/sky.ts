@@ -22,6 +22,8 @@ import {
 } from "three";
 
 import { AIR, type AirUniforms } from "./air.js";
+import { CLOUDS } from "./clouds.js";
+import { SEA } from "./sea.js";
 
 const [AZIMUTHS, ELEVATIONS] = [64, 128];
 /** Periods of the clouds' texture a second. */
@@ -55,6 +57,38 @@ vec4 skyAt(vec3 direction) {
 }
 `;
 
+/** `hazed`: what is left of light from so many metres away, and what the air before it adds. Needs AIR and SKY. */
+export const HAZE = /* glsl */ `
+uniform float visibility;
+
+vec3 hazed(vec3 light, vec3 direction, float far) {
+#ifdef PLANET
+  vec3 added;
+  vec3 through;
+  vec3 from = cameraPosition - airCentre;
+  float outside = smoothstep(0.1, 0.8, length(from) / airShape.x - 1.0);
+  // seen from space, the ground's rim fades into that of the air
+  float grazing = 1.0 - abs(dot(direction, normalize(from + direction * far)));
+  float clear = 0.45 + outside * (0.15 - 0.6 * pow(grazing, 4.0));
+  scatter(from, direction, far, AIR_STEPS, added, through);
+  return light * mix(through, vec3(1.0), clear) + added * (1.0 - clear);
+#else
+  float haze = far / visibility;
+  float through = exp(-0.5 * haze - 3.4 * haze * haze * haze);
+  vec3 ahead = direction;
+  ahead.y = max(ahead.y, 0.004);
+  return mix(skyAt(normalize(ahead)).rgb, light, through);
+#endif
+}
+`;
+
+/** What is in it beside air, or stands before it. */
+export interface SkyParts {
+  /** Of the sea, the clouds and the ground's noise. */
+  readonly uniforms: Readonly<Record<string, { value: unknown }>>;
+  readonly defines: Readonly<Record<string, number | string>>;
+}
+
 /** Draws it: before each frame `update`; the dome is in the scene. */
 export class Sky {
   readonly uniforms: SkyUniforms;
@@ -78,8 +112,7 @@ export class Sky {
     private readonly scene: Scene,
     private readonly air: AirUniforms,
     steps: number,
-    isFlat: boolean,
-    noise: Texture,
+    parts: SkyParts,
   ) {
     this.uniforms = {
       sky: { value: this.target.texture },
@@ -103,17 +136,16 @@ export class Sky {
     this.dome = new Mesh(
       new SphereGeometry(1, 48, 32),
       new ShaderMaterial({
-        uniforms: { ...air, ...this.uniforms, noise: { value: noise }, drift: this.drift },
+        uniforms: { ...air, ...this.uniforms, ...parts.uniforms, drift: this.drift },
         vertexShader: DOME_VERTEX,
         fragmentShader: DOME_FRAGMENT,
-        defines: isFlat ? { FLAT: 1 } : {},
+        defines: { ...parts.defines },
         dithering: true,
         side: BackSide,
-        depthTest: false,
         depthWrite: false,
       }),
     );
-    this.dome.renderOrder = -1000;
+    this.dome.renderOrder = 1000; // where no ground is
     this.dome.frustumCulled = false;
     this.dome.raycast = () => {};
     scene.add(this.dome);
@@ -193,6 +225,7 @@ varying vec3 ahead;
 void main() {
   ahead = position;
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  gl_Position.z = gl_Position.w;
 }
 `;
 
@@ -200,8 +233,13 @@ const DOME_FRAGMENT = /* glsl */ `
 #include <common>
 #include <dithering_pars_fragment>
 varying vec3 ahead;
+uniform vec3 anchorLeft;
+uniform sampler2D soilNoise;
 ${AIR}
 ${SKY}
+${HAZE}
+${CLOUDS}
+${SEA}
 /** One star at most in each cell of a cube's faces, few of them bright. */
 float stars(vec3 direction) {
   vec3 size = abs(direction);
@@ -217,12 +255,11 @@ float stars(vec3 direction) {
   return bright * (1.0 - smoothstep(0.02, 0.12, away));
 }
 #ifdef FLAT
-uniform sampler2D noise;
 uniform float drift;
 float cloud(vec2 at) {
-  float sum = texture2D(noise, at * 0.11 + drift).a * 0.62;
-  sum += texture2D(noise, mat2(0.6, 0.8, -0.8, 0.6) * at * 0.31 + vec2(2.0, 1.0) * drift).r * 0.26;
-  sum += texture2D(noise, mat2(-0.28, 0.96, -0.96, -0.28) * at * 0.93 + drift).r * 0.12;
+  float sum = texture2D(soilNoise, at * 0.11 + drift).a * 0.62;
+  sum += texture2D(soilNoise, mat2(0.6, 0.8, -0.8, 0.6) * at * 0.31 + vec2(2.0, 1.0) * drift).r * 0.26;
+  sum += texture2D(soilNoise, mat2(-0.28, 0.96, -0.96, -0.28) * at * 0.93 + drift).r * 0.12;
   return sum;
 }
 
@@ -258,6 +295,23 @@ void main() {
   light += (disc * 3.0 + glow * 0.02) * sunLight * air.a * smoothstep(-0.004, 0.004, above);
 #ifdef FLAT
   light = clouded(light, direction);
+#endif
+  vec3 eye = cameraPosition - airCentre;
+  float far = 1e7;
+#ifdef CLOUDS
+  light = overcast(light, eye, direction, far);
+#endif
+#ifdef SEA
+  float along = surfaceAlong(direction, skyUp);
+  if (sea.y < 0.0) {
+    light = drowned(light, direction, skyUp, far, 100.0, 1.0);
+  } else if (along > 0.0) {
+    light = drowned(vec3(0.0), direction, skyUp, far, 100.0, 1.0);
+#ifdef CLOUDS
+    light = overcast(light, eye, direction, far);
+#endif
+    light = hazed(light, direction, far);
+  }
 #endif
   gl_FragColor = vec4(light, 1.0);
   #include <tonemapping_fragment>

@@ -6,7 +6,7 @@ import { Vector3 } from "three";
 const SUN = new Vector3(0.62, 0.52, 0.46).normalize();
 /** Between the sun and straight up, near the ground and far from it. */
 const [ANGLE_LEAST, ANGLE_MOST] = [0.45, 1.12];
-const [ANGLE_LEAST_FAR, ANGLE_MOST_FAR] = [0.95, 1.25];
+const [ANGLE_LEAST_FAR, ANGLE_MOST_FAR] = [1.05, 1.25];
 
 /**
  * Moves the sun as little as keeps it up, and at an angle that shows what is on the ground.
