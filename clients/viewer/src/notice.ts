@@ -7,20 +7,25 @@ const SHOWN_MS = 3500;
 export class Notice {
   private readonly box = element("notice", HTMLDivElement);
   private lasting: string | null = null;
-  private timer: ReturnType<typeof setTimeout> | undefined;
+  /** While something is said. */
+  private timer: ReturnType<typeof setTimeout> | null = null;
 
-  /** For a few seconds. */
+  /** For a few seconds, whatever holds meanwhile. */
   say(message: string): void {
-    clearTimeout(this.timer);
+    clearTimeout(this.timer ?? undefined);
     this.show(message, false);
-    this.timer = setTimeout(() => this.show(this.lasting, true), SHOWN_MS);
+    this.timer = setTimeout(() => {
+      this.timer = null;
+      this.show(this.lasting, true);
+    }, SHOWN_MS);
   }
 
   /** Until something else holds; null is nothing. */
   hold(message: string | null): void {
     this.lasting = message;
-    clearTimeout(this.timer);
-    this.show(message, true);
+    if (this.timer === null) {
+      this.show(message, true);
+    }
   }
 
   private show(message: string | null, isLasting: boolean): void {

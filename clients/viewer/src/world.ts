@@ -1,6 +1,7 @@
 /** Which world is shown: a seed's, which nobody has to create, and the world that is made of it when somebody digs. */
 
 import {
+  Conflict,
   type AnyWorld,
   type ChunkClient,
   type SeedDescriptor,
@@ -40,7 +41,10 @@ export async function dugOut(client: ChunkClient, pristine: SeedDescriptor): Pro
   if (!(await isThere(client, id))) {
     return null;
   }
-  const world = await client.world(id);
+  const world = await unlessConflict(client.world(id));
+  if (world === null) {
+    return null;
+  }
   const isIt = world.seed === pristine.seed && world.recipe.digest === pristine.recipe.digest;
   return isIt && world.lods === pristine.lods && world.voxelSize === pristine.voxelSize ? world : null;
 }
@@ -61,6 +65,18 @@ export function idOf({ recipe, seed }: SeedDescriptor): string {
 async function isThere(client: ChunkClient, id: string): Promise<boolean> {
   const [first] = await client.worlds({ after: justBefore(id), limit: 1 });
   return first?.id === id;
+}
+
+/** Another generator's world is another world: nobody can show it, and nobody needs to. */
+async function unlessConflict<World>(asked: Promise<World>): Promise<World | null> {
+  try {
+    return await asked;
+  } catch (error) {
+    if (error instanceof Conflict) {
+      return null;
+    }
+    throw error;
+  }
 }
 
 /** The last id in order before another one that ends in a digit, as good as. */

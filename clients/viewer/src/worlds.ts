@@ -181,8 +181,8 @@ export class Worlds<World extends WorldShown<World>> {
 
   private late(error: unknown): void {
     if (error !== null) {
-      const { message } = verdictOn(error);
-      this.page.say(`What others change is seen a little later: no stream tells of it. ${message}`);
+      const why = error instanceof Error ? ` (${error.message})` : "";
+      this.page.say(`What others change is seen a little later: no stream tells of it${why}.`);
     }
   }
 

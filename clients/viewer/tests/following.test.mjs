@@ -436,6 +436,14 @@ test("whether there is a world is an answer, not whatever comes instead", async 
   }
 });
 
+test("a world of another generator has the name: the seed is shown without edits", async () => {
+  const page = new Page();
+  page.server.wrong = (call) => (call === "world" ? refusal(409) : null);
+  page.begin(SEED);
+  await page.pass(4_000);
+  assert.deepEqual([page.failures, page.worlds, page.server.opens], [[], [], 0]);
+});
+
 test("the first dig in a seed makes its world, and is sent again until both are there", async () => {
   const page = new Page();
   page.server.isThere = false;

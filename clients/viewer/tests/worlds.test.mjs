@@ -271,6 +271,15 @@ test("an edit that failed is said, once; what else it means is done", async () =
   assert.ok(!worlds.recovery.isAway, "whoever asks for more says whether the server is away");
 });
 
+test("edits of others that come late are said to, once, and why", async () => {
+  const { page, one } = await shown();
+  one.troubles.late(new StreamEnded(4400));
+  assert.match(page.said[0], /a little later.*4400: a message was malformed/);
+  one.troubles.late(null);
+  assert.equal(page.said.length, 1);
+  assert.equal(page.held, null);
+});
+
 test("an edit that is sent again is said to be, as long as it is", async () => {
   const { page, one } = await shown();
   one.troubles.delayed(new Unreachable("x"));
