@@ -16,6 +16,9 @@ const BATCH_CHUNKS = 48;
 /** A batch ends early when less than that part of what is left of it is wanted. */
 const WANTED_LEAST = 0.5;
 
+/** A chunk and its `chunkName`. */
+export type Named = readonly [name: string, chunk: FittedChunk];
+
 interface Batch {
   readonly left: Map<string, FittedChunk>;
   readonly cancel: AbortController;
@@ -32,7 +35,7 @@ export class Fetching {
   busyMs = 0;
   arrived = 0;
   private readonly batches = new Set<Batch>();
-  private queue: FittedChunk[] = [];
+  private queue: Named[] = [];
   private busySince = 0;
   /** Of the world: the server answers from there on. */
   private minRevision = 0n;
@@ -61,17 +64,17 @@ export class Fetching {
   }
 
   /** Asks for these chunks and no others, the first ones first. viewer: in voxels */
-  want(chunks: readonly FittedChunk[], viewer: Triple): void {
-    const names = new Set(chunks.map(chunkName));
+  want(chunks: readonly Named[], viewer: Triple): void {
+    const wanted = new Map(chunks);
     for (const batch of this.batches) {
-      const wanted = [...batch.left.keys()].filter((name) => names.has(name));
-      if (wanted.length < WANTED_LEAST * batch.left.size) {
+      const still = [...batch.left.keys()].filter((name) => wanted.has(name));
+      if (still.length < WANTED_LEAST * batch.left.size) {
         this.end(batch);
       } else {
-        wanted.forEach((name) => names.delete(name));
+        still.forEach((name) => wanted.delete(name));
       }
     }
-    this.queue = chunks.filter((chunk) => names.has(chunkName(chunk)));
+    this.queue = [...wanted];
     this.begin(viewer);
   }
 
@@ -97,7 +100,7 @@ export class Fetching {
   private begin(viewer: Triple): void {
     while (this.batches.size < BATCHES_MAX && this.queue.length > 0) {
       const chunks = this.queue.splice(0, BATCH_CHUNKS);
-      const batch = { left: new Map(chunks.map((chunk) => [chunkName(chunk), chunk])), cancel: new AbortController() };
+      const batch = { left: new Map(chunks), cancel: new AbortController() };
       this.busySince = this.batches.size === 0 ? performance.now() : this.busySince;
       this.batches.add(batch);
       void this.run(batch, viewer);

@@ -9,7 +9,7 @@ import {
   LevelOfDetail,
   chunkName,
   isStale,
-  swaps,
+  swapsInParts,
   type AnyWorld,
   type ChunkClient,
   type ChunkKey,
@@ -22,12 +22,15 @@ import {
   type ViewOptions,
 } from "chunkserver-client";
 
-import { Fetching } from "./fetching.js";
+import { Fetching, type Named } from "./fetching.js";
 
 /** How much coarser the first worlds are that are shown: a whole one comes soon. */
 const STAGES: readonly number[] = [16, 4, 1];
 /** Milliseconds between two looks at what is to be shown, while chunks are on their way. */
-const SELECT_MS = 120;
+const SELECT_MS = 150;
+/** Milliseconds of a frame in which it is worked out what to swap, or a part of the frame if that is longer. */
+const PLAN_MS = 1;
+const PLAN_PART = 0.06;
 
 /** Bytes of meshes that are handed to the graphics card in a frame, and more only if one step has more. */
 const DRAWN_BYTES = 2_000_000;
@@ -58,9 +61,12 @@ export class Terrain {
   /** Came, and are not drawn yet. */
   private readonly ready = new Map<string, ChunkMesh>();
   private steps: Step[] = [];
-  private stepOf = new Map<string, Step>();
+  private readonly stepOf = new Map<string, Step>();
   private isChanged = false;
   private selectedAt = -Infinity;
+  /** What is to be swapped is being worked out: nothing is drawn until then. */
+  private planning: Generator<undefined, void, undefined> | null = null;
+  private updatedAt = performance.now();
   private isStopped = false;
   private isBegun = false;
   private readonly chunkCells: number;
@@ -96,7 +102,8 @@ export class Terrain {
 
   /** Whether what is drawn is what is wanted, at full detail. */
   get isSettled(): boolean {
-    return this.steps.length === 0 && !this.isChanged && this.selector === this.stages.at(-1);
+    const isPlanned = !this.isChanged && this.planning === null;
+    return this.steps.length === 0 && isPlanned && this.selector === this.stages.at(-1);
   }
 
   /** Whether a first, coarse world around the viewer was drawn completely. */
@@ -121,14 +128,22 @@ export class Terrain {
   /** Once a frame. position, velocity: voxels, and voxels a second */
   update(position: Triple, velocity: Triple): void {
     const now = performance.now();
-    if (this.steps.length === 0 || now - this.selectedAt > SELECT_MS) {
+    const until = now + Math.max(PLAN_MS, (now - this.updatedAt) * PLAN_PART);
+    this.updatedAt = now;
+    if (this.isSelecting(now)) {
       this.select(position, velocity);
       this.selectedAt = now;
     }
     if (this.isChanged) {
       this.isChanged = false;
-      this.plan(position);
+      this.planning = this.plan(position);
     }
+    while (this.planning?.next().done === false) {
+      if (performance.now() > until) {
+        return;
+      }
+    }
+    this.planning = null;
     this.advance();
   }
 
@@ -220,6 +235,11 @@ export class Terrain {
     return this.stage === this.stages.length - 1;
   }
 
+  private isSelecting(now: number): boolean {
+    const isIdle = this.steps.length === 0 && this.planning === null;
+    return isIdle || this.selector === null || (now - this.selectedAt > SELECT_MS && this.planning === null);
+  }
+
   private select(position: Triple, velocity: Triple): void {
     if (this.selector !== null && !this.isLastStage && this.steps.length === 0 && !this.isChanged) {
       this.stage += 1;
@@ -232,20 +252,25 @@ export class Terrain {
     this.isChanged ||= this.selection.chunks !== before?.chunks;
   }
 
-  /** Works out what has to be swapped, and asks for what is missing. */
-  private plan(position: Triple): void {
-    const wanted = this.selection!.chunks;
-    this.steps = swaps(this.marked(), wanted).map(({ old, new: fresh }) => this.step(old, fresh));
-    this.stepOf = new Map(this.steps.flatMap((step) => [...step.fresh.keys()].map((name) => [name, step])));
+  /** Works out what has to be swapped, and asks for what is missing: in parts, between which nothing else is drawn. */
+  private *plan(position: Triple): Generator<undefined, void, undefined> {
+    const found = yield* swapsInParts(this.marked(), this.selection!.chunks);
+    this.steps = found.map(({ old, new: fresh }) => this.step(old, fresh));
+    this.stepOf.clear();
+    for (const step of this.steps) {
+      for (const name of step.fresh.keys()) {
+        this.stepOf.set(name, step);
+      }
+    }
     for (const name of this.ready.keys()) {
       if (!this.stepOf.has(name)) {
         this.ready.delete(name);
       }
     }
+    yield;
     if (!this.isStopped) {
       const missing = this.steps.flatMap((step) => [...step.fresh].filter(([name]) => !this.ready.has(name)));
-      const chunks = missing.map(([, chunk]) => chunk);
-      this.fetching.want(byDistance(chunks, position, this.chunkCells), position);
+      this.fetching.want(byDistance(missing, position, this.chunkCells), position);
     }
   }
 
@@ -322,15 +347,16 @@ function stagesOf(shown: ConstructorParameters<typeof LevelOfDetail>[0], options
 }
 
 /** The nearest first, of two that are as near the coarser. */
-function byDistance(chunks: readonly FittedChunk[], [x, y, z]: Triple, cells: number): FittedChunk[] {
+function byDistance(chunks: readonly Named[], [x, y, z]: Triple, cells: number): Named[] {
   const gap = (at: number, low: number, side: number) => Math.max(low - at, at - low - side, 0);
-  const rows = chunks.map((chunk) => {
+  const rows = chunks.map((named) => {
+    const [, chunk] = named;
     const side = cells * 2 ** chunk.lod;
     const away = Math.hypot(gap(x, chunk.x * side, side), gap(y, chunk.y * side, side), gap(z, chunk.z * side, side));
-    return { chunk, away };
+    return { named, away, lod: chunk.lod };
   });
-  rows.sort((one, other) => one.away - other.away || other.chunk.lod - one.chunk.lod);
-  return rows.map(({ chunk }) => chunk);
+  rows.sort((one, other) => one.away - other.away || other.lod - one.lod);
+  return rows.map(({ named }) => named);
 }
 
 function isIn(point: Triple, chunk: FittedChunk, cells: number): boolean {

@@ -309,3 +309,31 @@ test("what has come at once is drawn step by step over frames, and no frame show
     apart.map(() => 1),
   );
 });
+
+test("what is to be swapped is worked out over many frames: none shows a hole, and all of it is shown in the end", async (context) => {
+  let clock = performance.now();
+  context.mock.method(performance, "now", () => (clock += 10)); // a frame has time for one part
+  const [server, canvas] = [new Server(), new Canvas()];
+  const box = { low: [-768, -256, -768], high: [768, 256, 768] }; // whole chunks of each level, all within reach
+  const options = { errorPixels: 8, screenPixels: 720, reach: 4096, box };
+  const failed = (error) => assert.fail(error);
+  const terrain = new Terrain(server, WORLD, { ...WORLD, geometricErrors: ERRORS }, options, canvas, failed);
+  const volume = () => [...canvas.drawn.values()].reduce((sum, { lod }) => sum + 8 ** lod, 0);
+  await settle(terrain, server, [16, 16, 16]);
+  const full = volume();
+  let idle = 0;
+  for (let frame = 0; frame < 600; frame++) {
+    const was = canvas.draws;
+    terrain.update([16 + Math.min(frame, 200), 16, 16], NOWHERE_SOON);
+    idle += canvas.draws === was ? 1 : 0;
+    if (frame % 50 === 20) {
+      terrain.outdate(null, 0n);
+    }
+    assert.deepEqual(canvas.doubled, []);
+    assert.equal(volume(), full);
+    await server.answer();
+  }
+  await settle(terrain, server, [216, 16, 16]);
+  assert.ok(idle > 200);
+  assert.deepEqual(new Set(canvas.drawn.keys()), new Set(terrain.selection.chunks.keys()));
+});

@@ -58,7 +58,7 @@ export {
 } from "./mesh.js";
 export type { ChunkOptions, RecipeTree } from "./questions.js";
 export type { Retry } from "./retry.js";
-export { redraws, swaps, type Swap } from "./swaps.js";
+export { redraws, swaps, swapsInParts, type Swap } from "./swaps.js";
 export { WorkerClient, type ChunkClient } from "./worker_client.js";
 export type { Refresh } from "./stream/chunks.js";
 export type { Skipped, StreamEvent } from "./stream/inbox.js";

@@ -4,8 +4,8 @@ import type { ChunkKey } from "./mesh.js";
 
 /** Odd, and far apart: what is one chunk on is somewhere else in the table. */
 const [MIX_X, MIX_Y, MIX_Z, MIX_LOD] = [0x9e3779b1, 0x85ebca6b, 0xc2b2ae35, 0x27d4eb2f];
-/** Places in the table for each key that it has room for, at least. */
-const ROOM = 2;
+/** Places in the table for each key that it has room for, at least: most that is looked for is not there. */
+const ROOM = 4;
 const EMPTY = -1;
 
 /** A set of keys, each with the number of its place in it. */

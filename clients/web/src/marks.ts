@@ -31,7 +31,9 @@ export class Marks {
   /** Whether a chunk is marked; one outside the frame is not. */
   has(x: number, y: number, z: number): boolean {
     const { low, shape } = this.frame;
-    const [i, j, k] = [x - low[0], y - low[1], z - low[2]];
+    const i = x - low[0];
+    const j = y - low[1];
+    const k = z - low[2];
     const isInside = i >= 0 && i < shape[0] && j >= 0 && j < shape[1] && k >= 0 && k < shape[2];
     return isInside && this.flags[(i * shape[1] + j) * shape[2] + k] === 1;
   }

@@ -3,7 +3,10 @@
 import { isStale, type ChunkRange } from "./edits.js";
 import { KeyTable } from "./key_table.js";
 import type { ChunkSet } from "./levels.js";
-import type { FittedChunk } from "./mesh.js";
+import type { ChunkKey, FittedChunk } from "./mesh.js";
+
+/** Keys of a part: each takes a microsecond or two. */
+const PART_KEYS = 128;
 
 /** Chunks that take the place of others, all at once. */
 export interface Swap {
@@ -19,17 +22,36 @@ export interface Swap {
  * under that name.
  */
 export function swaps(drawn: ChunkSet, wanted: ChunkSet): Swap[] {
+  return inOne(swapsInParts(drawn, wanted));
+}
+
+/**
+ * The same as `swaps`, but in parts of a fraction of a millisecond: for a thread that has other things to do in between.
+ * Both sets have to stay as they are until then.
+ */
+export function* swapsInParts(drawn: ChunkSet, wanted: ChunkSet): Generator<undefined, Swap[], undefined> {
   const [gone, come] = [missing(drawn, wanted), missing(wanted, drawn)];
   const table = new KeyTable(gone.length + come.length);
+  yield;
   const numbers = [...gone, ...come].map(([, chunk]) => table.add(chunk));
+  yield;
+  const groupOf = yield* groups(table);
   const found: { old: Map<string, FittedChunk>; new: Map<string, FittedChunk> }[] = [];
-  const groupOf = groups(table);
   for (const [at, number] of numbers.entries()) {
     const swap = (found[groupOf[number]!] ??= { old: new Map(), new: new Map() });
     const [name, chunk] = at < gone.length ? gone[at]! : come[at - gone.length]!;
     (at < gone.length ? swap.old : swap.new).set(name, chunk);
   }
   return found;
+}
+
+function inOne<Result>(parts: Generator<undefined, Result, undefined>): Result {
+  for (;;) {
+    const part = parts.next();
+    if (part.done === true) {
+      return part.value;
+    }
+  }
 }
 
 /** What a set has and the other has not. */
@@ -56,7 +78,7 @@ export function redraws(drawn: ChunkSet, stale: readonly ChunkRange[]): ChunkSet
   const table = new KeyTable(changed.length);
   const numbers = changed.map(([, chunk]) => table.add(chunk));
   const found: Map<string, FittedChunk>[] = [];
-  const groupOf = groups(table);
+  const groupOf = inOne(groups(table));
   for (const [at, number] of numbers.entries()) {
     (found[groupOf[number]!] ??= new Map()).set(...changed[at]!);
   }
@@ -64,41 +86,67 @@ export function redraws(drawn: ChunkSet, stale: readonly ChunkRange[]): ChunkSet
 }
 
 /** By the number of a key, the number of its group: those of different groups do not touch. */
-function groups(table: KeyTable): Int32Array {
+function* groups(table: KeyTable): Generator<undefined, Int32Array, undefined> {
   const { keys } = table;
   const leader = Int32Array.from(keys, (_, number) => number);
-  const first = (number: number): number => {
-    while (leader[number] !== number) {
-      leader[number] = leader[leader[number]!]!;
-      number = leader[number]!;
-    }
-    return number;
-  };
   const lods = [...new Set(keys.map(({ lod }) => lod))];
-  for (const [number, { lod: finer, x, y, z }] of keys.entries()) {
+  for (const [number, key] of keys.entries()) {
+    joinBeside(table, leader, number, key);
     for (const lod of lods) {
-      if (lod < finer) {
-        continue;
+      if (lod > key.lod) {
+        joinAbove(table, leader, number, key, lod);
       }
-      // the chunks of a level, none finer, that this one touches or lies in
-      const wide = 2 ** (lod - finer);
-      const [x1, y1, z1] = [Math.floor((x + 1) / wide), Math.floor((y + 1) / wide), Math.floor((z + 1) / wide)];
-      for (let i = Math.floor((x - 1) / wide); i <= x1; i++) {
-        for (let j = Math.floor((y - 1) / wide); j <= y1; j++) {
-          for (let k = Math.floor((z - 1) / wide); k <= z1; k++) {
-            const other = table.find(lod, i, j, k);
-            if (other >= 0) {
-              leader[first(other)] = first(number);
-            }
-          }
-        }
-      }
+    }
+    if (number % PART_KEYS === PART_KEYS - 1) {
+      yield;
     }
   }
   const numberOf = new Map<number, number>();
   return leader.map((_, number) => {
-    const group = numberOf.get(first(number)) ?? numberOf.size;
-    numberOf.set(first(number), group);
+    const group = numberOf.get(first(leader, number)) ?? numberOf.size;
+    numberOf.set(first(leader, number), group);
     return group;
   });
+}
+
+/** Joins a key with those of its level that it touches: half of them, since each of two finds the other. */
+function joinBeside(table: KeyTable, leader: Int32Array, number: number, { lod, x, y, z }: ChunkKey): void {
+  for (let i = 0; i <= 1; i++) {
+    for (let j = i === 0 ? 0 : -1; j <= 1; j++) {
+      for (let k = i === 0 && j === 0 ? 1 : -1; k <= 1; k++) {
+        join(leader, number, table.find(lod, x + i, y + j, z + k));
+      }
+    }
+  }
+}
+
+/** Joins a key with those of a coarser level that it touches, or lies in. */
+function joinAbove(table: KeyTable, leader: Int32Array, number: number, key: ChunkKey, lod: number): void {
+  const wide = 2 ** (lod - key.lod);
+  const x1 = Math.floor((key.x + 1) / wide);
+  const y1 = Math.floor((key.y + 1) / wide);
+  const z1 = Math.floor((key.z + 1) / wide);
+  for (let i = Math.floor((key.x - 1) / wide); i <= x1; i++) {
+    for (let j = Math.floor((key.y - 1) / wide); j <= y1; j++) {
+      for (let k = Math.floor((key.z - 1) / wide); k <= z1; k++) {
+        join(leader, number, table.find(lod, i, j, k));
+      }
+    }
+  }
+}
+
+/** Makes one group of two. other: -1 is nobody */
+function join(leader: Int32Array, number: number, other: number): void {
+  if (other >= 0) {
+    leader[first(leader, other)] = first(leader, number);
+  }
+}
+
+/** Who stands for the group that a key is in. */
+function first(leader: Int32Array, number: number): number {
+  while (leader[number] !== number) {
+    leader[number] = leader[leader[number]!]!;
+    number = leader[number]!;
+  }
+  return number;
 }

@@ -7,10 +7,13 @@ import type { ChunkRange, LoggedEdit, Stroke } from "./edits.js";
 import { ClientError, Unreachable, WorkerFailed } from "./errors.js";
 import type { ChunkKey, ChunkMesh } from "./mesh.js";
 import type { ChunkOptions, RecipeTree } from "./questions.js";
-import { unpacked, type Asked, type CallName, type Port, type Told } from "./remote.js";
+import { ITEMS_AHEAD, unpacked, type Asked, type CallName, type Port, type Told } from "./remote.js";
 
 /** What a client can do, in whatever thread it is. */
 export type ChunkClient = { readonly [Name in keyof Client]: Client[Name] };
+
+/** Items that were taken are told of in so many at a time, for each message takes its time. */
+const TAKEN_TOLD = ITEMS_AHEAD / 4;
 
 type Result<Name extends CallName> = Awaited<ReturnType<Client[Name]>>;
 
@@ -173,6 +176,7 @@ export class WorkerClient implements ChunkClient {
     signal?.addEventListener("abort", stop, { once: true });
     this.tell({ id, call, args: [...args, rest] });
     let isOver = false;
+    let taken = 0;
     try {
       for (;;) {
         const message = arrived.shift();
@@ -183,7 +187,11 @@ export class WorkerClient implements ChunkClient {
         if (message === undefined) {
           await new Promise<void>((resolve) => (wake = resolve));
         } else if ("item" in message) {
-          this.tell({ id, taken: 1 });
+          taken += 1;
+          if (taken === TAKEN_TOLD) {
+            this.tell({ id, taken });
+            taken = 0;
+          }
           yield message.item as Item;
         } else {
           isOver = true;

@@ -7,7 +7,7 @@ import { test } from "node:test";
 import { rungs } from "../src/ladder.js";
 import { LevelOfDetail, type ChunkSet, type Selection, type ViewOptions } from "../src/levels.js";
 import { chunkName, type FittedChunk, type Triple } from "../src/mesh.js";
-import { redraws, swaps } from "../src/swaps.js";
+import { redraws, swaps, swapsInParts } from "../src/swaps.js";
 import { given, page, stated } from "./pages.js";
 
 const VOXELS_MAX = 2 ** 40;
@@ -107,6 +107,21 @@ test("the journeys of the Python client", () => {
 function named(groups: Row[][]): string[] {
   return groups.map((group) => sorted(group).join(" ")).sort();
 }
+
+test("swaps in parts are the same, and have other things done in between", () => {
+  const world = { ...WORLD, chunkCells: 32, lods: 6, geometricErrors: null };
+  const levels = new LevelOfDetail(world, { errorPixels: 2, reach: 8192 });
+  const [drawn, wanted] = [levels.select([0, 0, 0]).chunks, levels.select([700, 90, -400]).chunks];
+  const parts = swapsInParts(drawn, wanted);
+  let count = 0;
+  for (let part = parts.next(); ; part = parts.next(), count++) {
+    if (part.done === true) {
+      assert.deepEqual(part.value, swaps(drawn, wanted));
+      break;
+    }
+  }
+  assert.ok(count > 10, `${count} parts of ${drawn.size} and ${wanted.size} chunks`);
+});
 
 test("a swap has what goes and what comes", () => {
   const chunk = (lod: number, x: number, coarser = 0): FittedChunk => ({ lod, x, y: 0, z: 0, coarser });
