@@ -18,6 +18,7 @@ import { Input } from "./input.js";
 import { VIEWS, readLink, writeLink, type Link } from "./link.js";
 import type { View } from "./look/index.js";
 import { Notice } from "./notice.js";
+import { Pulse } from "./pulse.js";
 import { Session } from "./session.js";
 import { startOf, type Start } from "./starts.js";
 import { serverUrl, type Source } from "./world.js";
@@ -29,6 +30,8 @@ const PIXEL_RATIO_MAX = 1.5;
 /** Milliseconds. */
 const FIGURES_MS = 250;
 const LINK_MS = 700;
+/** Of the worker, each `FIGURES_MS` apart: half a minute. */
+const SILENT_LOOKS_MAX = 120;
 /** How patient the client is: the page says what is wrong, and tries again by itself. */
 const RETRY = { attemptsMax: 3, secondsMax: 20, backoffSecondsMax: 1 };
 
@@ -40,6 +43,9 @@ export class App {
   private readonly worlds: Worlds<Session>;
   private readonly notice = new Notice();
   private readonly figures = new Figures();
+  private readonly pulse = new Pulse<Traffic>(SILENT_LOOKS_MAX, (isSilent) =>
+    this.worlds.recovery.note("worker", isSilent ? "Reload the page: its worker does not answer any more." : null),
+  );
   private readonly chooser: Chooser;
   private readonly input: Input;
   private readonly walkButton = element("walk", HTMLButtonElement);
@@ -266,10 +272,12 @@ export class App {
 
   private count(): void {
     const { client, recovery } = this.worlds;
-    client.traffic().then(
-      (traffic) => (this.traffic = traffic),
-      (error: unknown) => error instanceof WorkerFailed && recovery.failed("page", error),
-    );
+    this.pulse
+      .look(() => client.traffic())
+      .then(
+        (traffic) => (this.traffic = traffic ?? this.traffic),
+        (error: unknown) => error instanceof WorkerFailed && recovery.failed("page", error),
+      );
   }
 
   private showFigures(session: Session): void {

@@ -22,7 +22,9 @@ import type { Troubles } from "./worlds.js";
 
 /** Between two looks whether somebody has dug: in the seed that is shown, or in a world of which no stream tells. */
 const LOOK_MS = 1500;
-const OPEN_SECONDS = 10;
+const OPEN_SECONDS = 5;
+/** Between two attempts of a stream to connect. */
+const CONNECT_SECONDS_MAX = 4;
 /** A stream that is silent for longer is opened anew. */
 const SILENT_MS = 1500;
 /** Between two attempts to open a stream, the first of which comes at once. */
@@ -253,7 +255,7 @@ export class Following {
     let stream: EditStream | null = null;
     this.isOpening = true;
     try {
-      const retry = { secondsMax: OPEN_SECONDS, backoffSecondsMax: 1 };
+      const retry = { secondsMax: OPEN_SECONDS, backoffSecondsMax: CONNECT_SECONDS_MAX };
       stream = await open(this.client, world, randomName(), { retry });
       await this.catchUp(world);
       if (this.left.signal.aborted) {
