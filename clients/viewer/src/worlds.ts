@@ -123,7 +123,7 @@ export class Worlds<World extends WorldShown<World>> {
       }
     } catch (error) {
       if (number === this.asked) {
-        this.notOpened(error);
+        this.notOpened(error, keepsPlace);
       }
     }
   }
@@ -153,7 +153,9 @@ export class Worlds<World extends WorldShown<World>> {
     this.showing.begin(world, keepsPlace, (before) => {
       this.source = link.source;
       this.page.arrived(world, link, keepsPlace ? before : null);
-      this.page.offer(this.recipes, opened);
+      if (link === this.wanted) {
+        this.page.offer(this.recipes, opened); // who has chosen another one meanwhile sees that chosen
+      }
     });
   }
 
@@ -161,13 +163,16 @@ export class Worlds<World extends WorldShown<World>> {
     return world === this.showing.newest && !world.isRetired;
   }
 
-  private notOpened(error: unknown): void {
+  private notOpened(error: unknown, keepsPlace: boolean): void {
     const { current } = this;
     const { remedy, message } = verdictOn(error, true);
     if (remedy === "stop" && current !== null && this.isLive(current)) {
       this.answered = this.asked; // what is shown goes on
+      this.wanted = { ...current.place, source: this.source };
       this.page.say(message);
-      this.page.offer(this.recipes, current.world);
+      if (!keepsPlace) {
+        this.page.offer(this.recipes, current.world); // whose recipe is edited goes on with it
+      }
       return;
     }
     this.recovery.failed("world", error);
@@ -190,7 +195,11 @@ export class Worlds<World extends WorldShown<World>> {
   private reopen(): void {
     const { newest } = this.showing;
     newest?.retire();
-    void this.show(newest === null ? this.wanted : { ...newest.place, source: this.wanted.source }, newest !== null);
+    if (newest === null || this.answered < this.asked) {
+      void this.show(this.wanted);
+    } else {
+      void this.show({ ...newest.place, source: this.wanted.source }, true);
+    }
   }
 
   private askForKey(): void {

@@ -186,6 +186,28 @@ test("who chooses twice sees what was chosen last, and the other one is left", a
   );
 });
 
+test("a world that comes when another one is chosen already is shown, and is not what is chosen", async () => {
+  const { page, worlds } = await shown();
+  await worlds.show(linkOf("two"));
+  let answer;
+  worlds.client.world = () => new Promise((resolve) => (answer = resolve));
+  const third = worlds.show(linkOf("three"), true);
+  page.made[1].isPresentable = true;
+  worlds.update();
+  assert.equal(worlds.current, page.made[1]);
+  assert.deepEqual(page.chosen, ["one"]);
+  answer({ kind: "world", id: "three" });
+  await third;
+  page.made[2].isPresentable = true;
+  worlds.update();
+  assert.deepEqual(page.chosen, ["one", "three"]);
+  page.wrong = (id) => (id === "four" ? refusal(422) : null);
+  worlds.client = page.connect();
+  await worlds.show(linkOf("four"), true);
+  assert.deepEqual(page.chosen, ["one", "three"], "who edits a recipe keeps what is written");
+  assert.equal(page.said.length, 1);
+});
+
 test("a world that is not there is said to be, and the one that is shown goes on", async () => {
   const { page, worlds, one } = await shown();
   page.wrong = (id) => (id === "two" || id === "ready" ? new Unreachable("no answer") : null);
@@ -202,6 +224,23 @@ test("a world that is not there is said to be, and the one that is shown goes on
   assert.equal(page.held, null);
   assert.equal(page.chosen.at(-1), "one", "the panel has what is shown");
   assert.ok(!worlds.isOpening);
+  one.troubles.failed(refusal(410));
+  await page.clock.pass(10);
+  assert.deepEqual(page.made[1].link, { ...linkOf("one"), ...one.place }, "it is still that one which is wanted");
+});
+
+test("a world that is gone while another one is waited for is not opened anew", async () => {
+  const { page, worlds, one } = await shown();
+  page.wrong = (id) => (id === "two" || id === "ready" ? new Unreachable("no answer") : null);
+  await worlds.show(linkOf("two", [7, 7, 7]));
+  one.troubles.failed(refusal(410));
+  await page.clock.pass(10_000);
+  page.wrong = () => null;
+  await page.clock.pass(10_000);
+  assert.deepEqual(
+    page.made.map(({ link }) => link),
+    [linkOf("one"), linkOf("two", [7, 7, 7])],
+  );
 });
 
 test("a world that is not there at the start is said to be, with what there is to choose", async (t) => {
