@@ -34,6 +34,8 @@ WORKERS: Final = 2
 ROUNDS_MAX: Final = 3
 FLIGHT_TIMES: Final = 3.0
 """How long a flight is, in the seconds of a load."""
+FLIGHT_SECONDS_MIN: Final = 3.0
+"""However little is offered: a browser has to get some frames done."""
 RUN_SECONDS_MAX: Final = 300.0
 LONG_TASK_SECONDS: Final = 0.05
 KILOBYTE: Final = 1000
@@ -49,7 +51,7 @@ Figures = Mapping[tuple[str, str], float]
 
 def run(scale: Scale) -> Iterator[Line]:
     """Yield a line for the page, for a first view and for a flight."""
-    seconds = FLIGHT_TIMES * scale.load_seconds
+    seconds = max(FLIGHT_TIMES * scale.load_seconds, FLIGHT_SECONDS_MIN)
     warm()
     rounds = in_turns({"round": lambda: _round(seconds)}, min(scale.rounds, ROUNDS_MAX), uncounted=0)["round"]
     for subject in rounds[0]:

@@ -31,6 +31,8 @@ const SELECT_MS = 150;
 /** Milliseconds of a frame in which it is worked out what to swap, or a part of the frame if that is longer. */
 const PLAN_MS = 1;
 const PLAN_PART = 0.06;
+/** Milliseconds after which all of it is worked out in one frame, for those who edit all the time. */
+const PATIENCE_MS = 300;
 
 /** Bytes of meshes that are handed to the graphics card in a frame, and more only if one step has more. */
 const DRAWN_BYTES = 2_000_000;
@@ -64,8 +66,11 @@ export class Terrain {
   private readonly stepOf = new Map<string, Step>();
   private isChanged = false;
   private selectedAt = -Infinity;
-  /** What is to be swapped is being worked out: nothing is drawn until then. */
+  /** What is to be shown and swapped is being worked out: nothing is drawn until then. */
   private planning: Generator<undefined, void, undefined> | null = null;
+  /** Whether the first half of that is being done. */
+  private isChoosing = false;
+  private plannedAt = performance.now();
   private updatedAt = performance.now();
   private isStopped = false;
   private isBegun = false;
@@ -102,7 +107,7 @@ export class Terrain {
 
   /** Whether what is drawn is what is wanted, at full detail. */
   get isSettled(): boolean {
-    const isPlanned = !this.isChanged && this.planning === null;
+    const isPlanned = !this.isChanged && (this.planning === null || this.isChoosing);
     return this.steps.length === 0 && isPlanned && this.selector === this.stages.at(-1);
   }
 
@@ -131,19 +136,19 @@ export class Terrain {
     const until = now + Math.max(PLAN_MS, (now - this.updatedAt) * PLAN_PART);
     this.updatedAt = now;
     if (this.isSelecting(now)) {
-      this.select(position, velocity);
       this.selectedAt = now;
-    }
-    if (this.isChanged) {
-      this.isChanged = false;
+      this.planning = this.choose(position, velocity);
+    } else if (this.isChanged && !this.isChoosing) {
       this.planning = this.plan(position);
     }
+    const isLate = now - this.plannedAt > PATIENCE_MS;
     while (this.planning?.next().done === false) {
-      if (performance.now() > until) {
+      if (performance.now() > until && !isLate) {
         return;
       }
     }
     this.planning = null;
+    this.plannedAt = now;
     this.advance();
   }
 
@@ -177,7 +182,8 @@ export class Terrain {
   /** The viewer is somewhere else all at once: begins with a coarse world there. */
   jump(): void {
     this.stage = 0;
-    this.selector = null;
+    this.selector = this.planning = null;
+    this.isChoosing = false;
     this.selectedAt = -Infinity;
     this.isChanged = true;
   }
@@ -236,24 +242,31 @@ export class Terrain {
   }
 
   private isSelecting(now: number): boolean {
-    const isIdle = this.steps.length === 0 && this.planning === null;
-    return isIdle || this.selector === null || (now - this.selectedAt > SELECT_MS && this.planning === null);
+    const isDue = this.steps.length === 0 || this.selector === null || now - this.selectedAt > SELECT_MS;
+    return isDue && this.planning === null;
   }
 
-  private select(position: Triple, velocity: Triple): void {
+  /** Chooses what is to be shown, and works out how to come there. */
+  private *choose(position: Triple, velocity: Triple): Generator<undefined, void, undefined> {
     if (this.selector !== null && !this.isLastStage && this.steps.length === 0 && !this.isChanged) {
       this.stage += 1;
       this.isBegun = true;
     }
     const levels = this.stages[this.stage]!;
     const before = this.selector === levels ? this.selection : null;
-    this.selection = levels.select(position, velocity, before);
+    this.isChoosing = true;
+    this.selection = yield* levels.selectInParts(position, velocity, before);
+    this.isChoosing = false;
     this.selector = levels;
-    this.isChanged ||= this.selection.chunks !== before?.chunks;
+    if (this.isChanged || this.selection.chunks !== before?.chunks) {
+      yield;
+      yield* this.plan(position);
+    }
   }
 
   /** Works out what has to be swapped, and asks for what is missing: in parts, between which nothing else is drawn. */
   private *plan(position: Triple): Generator<undefined, void, undefined> {
+    this.isChanged = false;
     const found = yield* swapsInParts(this.marked(), this.selection!.chunks);
     this.steps = found.map(({ old, new: fresh }) => this.step(old, fresh));
     this.stepOf.clear();

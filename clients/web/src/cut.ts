@@ -8,6 +8,7 @@
 import { kept, type Rung } from "./ladder.js";
 import { Marks, flagsOf, half, isInside, markParents, squaredGaps, type Box, type Frame } from "./marks.js";
 import { chunkName, type FittedChunk, type Triple } from "./mesh.js";
+import type { Parts } from "./parts.js";
 
 /** Chunks around those that are near: two that the balance may split, and the ring around these. */
 const MARGIN = 3;
@@ -62,7 +63,7 @@ export class Octree {
   }
 
   /** The cut for a viewer, which depends on the one before; null if it has more than `countMax` leaves. */
-  cut(rung: Rung, viewer: Viewer, before: Cut | null, countMax: number): Cut | null {
+  *cut(rung: Rung, viewer: Viewer, before: Cut | null, countMax: number): Parts<Cut | null> {
     const roots = this.roots(rung.reach, viewer, before?.roots);
     const split: Level[] = [];
     let isSame = before?.roots.marks === roots.marks;
@@ -77,8 +78,13 @@ export class Octree {
       if (level.marks.count > countMax) {
         return null; // each has a leaf of its own below it
       }
+      yield;
     }
-    const layers = split.map((_, lod) => this.layer(lod, roots.marks, split, before?.layers[lod]));
+    const layers: Layer[] = [];
+    for (const lod of split.keys()) {
+      layers.push(this.layer(lod, roots.marks, split, before?.layers[lod]));
+      yield;
+    }
     const count = layers.reduce((sum, { leaves }) => sum + leaves.length, 0);
     return count > countMax ? null : { roots, split, layers };
   }

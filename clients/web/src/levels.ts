@@ -12,6 +12,7 @@ import type { Descriptor } from "./descriptors.js";
 import { WIDTHS_MAX, roomy, rungs, type Rung } from "./ladder.js";
 import type { Box } from "./marks.js";
 import type { FittedChunk, Triple } from "./mesh.js";
+import { inOne, type Parts } from "./parts.js";
 
 /** How far a surface may be off, in cells, where the descriptor does not say. */
 const ERROR_OF_A_CELL = 0.25;
@@ -100,6 +101,11 @@ export class LevelOfDetail {
    * @throws {RangeError} for what is no finite point, and for a selection of another object
    */
   select(position: Triple, velocity: Triple = [0, 0, 0], previous: Selection | null = null): Selection {
+    return inOne(this.selectInParts(position, velocity, previous));
+  }
+
+  /** The same as `select`, in parts. */
+  *selectInParts(position: Triple, velocity: Triple = [0, 0, 0], previous: Selection | null = null): Parts<Selection> {
     const before = previous === null ? null : this.cuts.get(previous);
     if (before === undefined) {
       throw new RangeError("previous is a selection of another LevelOfDetail");
@@ -110,7 +116,7 @@ export class LevelOfDetail {
       at: voxels("position", position),
       ahead: voxels("velocity", [vx * seconds, vy * seconds, vz * seconds]),
     };
-    const [coarsened, cut] = this.finest(viewer, before, previous?.coarsened ?? 0);
+    const [coarsened, cut] = yield* this.finest(viewer, before, previous?.coarsened ?? 0);
     const isSame =
       previous !== null && before !== null && cut.layers.every((layer, lod) => layer === before.layers[lod]);
     const selection = { chunks: isSame ? previous.chunks : chunksOf(cut), coarsened };
@@ -119,13 +125,16 @@ export class LevelOfDetail {
   }
 
   /** The finest cut that is not too large, and its rung. A finer one than before needs room to spare. */
-  private finest(viewer: Viewer, before: Cut | null, rung: number): [number, Cut] {
+  private *finest(viewer: Viewer, before: Cut | null, rung: number): Parts<[number, Cut]> {
     let number = rung;
-    while (number > 0 && this.octree.cut(roomy(this.rungs[number - 1]!), viewer, null, this.chunksMax) !== null) {
+    while (
+      number > 0 &&
+      (yield* this.octree.cut(roomy(this.rungs[number - 1]!), viewer, null, this.chunksMax)) !== null
+    ) {
       number -= 1;
     }
     for (; ; number++) {
-      const cut = this.octree.cut(this.rungs[number]!, viewer, before, this.chunksMax);
+      const cut = yield* this.octree.cut(this.rungs[number]!, viewer, before, this.chunksMax);
       if (cut !== null) {
         return [number, cut];
       }

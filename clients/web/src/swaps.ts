@@ -4,6 +4,7 @@ import { isStale, type ChunkRange } from "./edits.js";
 import { KeyTable } from "./key_table.js";
 import type { ChunkSet } from "./levels.js";
 import type { ChunkKey, FittedChunk } from "./mesh.js";
+import { inOne, type Parts } from "./parts.js";
 
 /** Keys of a part: each takes a microsecond or two. */
 const PART_KEYS = 128;
@@ -29,7 +30,7 @@ export function swaps(drawn: ChunkSet, wanted: ChunkSet): Swap[] {
  * The same as `swaps`, but in parts of a fraction of a millisecond: for a thread that has other things to do in between.
  * Both sets have to stay as they are until then.
  */
-export function* swapsInParts(drawn: ChunkSet, wanted: ChunkSet): Generator<undefined, Swap[], undefined> {
+export function* swapsInParts(drawn: ChunkSet, wanted: ChunkSet): Parts<Swap[]> {
   const [gone, come] = [missing(drawn, wanted), missing(wanted, drawn)];
   const table = new KeyTable(gone.length + come.length);
   yield;
@@ -43,15 +44,6 @@ export function* swapsInParts(drawn: ChunkSet, wanted: ChunkSet): Generator<unde
     (at < gone.length ? swap.old : swap.new).set(name, chunk);
   }
   return found;
-}
-
-function inOne<Result>(parts: Generator<undefined, Result, undefined>): Result {
-  for (;;) {
-    const part = parts.next();
-    if (part.done === true) {
-      return part.value;
-    }
-  }
 }
 
 /** What a set has and the other has not. */
@@ -86,7 +78,7 @@ export function redraws(drawn: ChunkSet, stale: readonly ChunkRange[]): ChunkSet
 }
 
 /** By the number of a key, the number of its group: those of different groups do not touch. */
-function* groups(table: KeyTable): Generator<undefined, Int32Array, undefined> {
+function* groups(table: KeyTable): Parts<Int32Array> {
   const { keys } = table;
   const leader = Int32Array.from(keys, (_, number) => number);
   const lods = [...new Set(keys.map(({ lod }) => lod))];
