@@ -30,7 +30,7 @@ const STAGES: readonly number[] = [16, 4, 1];
 const SELECT_MS = 150;
 /** Milliseconds of a frame in which it is worked out what to swap, or a part of the frame if that is longer. */
 const PLAN_MS = 1;
-const PLAN_PART = 0.06;
+const PLAN_PART = 0.03;
 /** Milliseconds after which all of it is worked out in one frame, for those who edit all the time. */
 const PATIENCE_MS = 300;
 

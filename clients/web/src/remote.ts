@@ -18,6 +18,9 @@ export interface Port {
 /** Items that are sent before the other side has said that it took one. */
 export const ITEMS_AHEAD = 64;
 
+/** Milliseconds for which an item waits for others: a message takes longer than what is in it. */
+const ITEMS_MS = 4;
+
 /** What can be called. */
 export type CallName = Exclude<keyof Client, "url">;
 
@@ -31,7 +34,7 @@ export type Asked =
 /** What the worker says. `end` comes behind the last item. */
 export type Told =
   | { readonly id: number; readonly value: unknown }
-  | { readonly id: number; readonly item: unknown }
+  | { readonly id: number; readonly items: readonly unknown[] }
   | { readonly id: number; readonly end: true }
   | { readonly id: number; readonly error: unknown };
 
@@ -78,6 +81,7 @@ async function answer(
 ): Promise<void> {
   const tell = (told: Told, transfer: Transferable[] = []) => port.postMessage(told, transfer);
   const { signal } = call.cancel;
+  const group = new Group((items) => tell({ id, items }, items.flatMap(buffersOf)));
   try {
     const options = { ...(args.at(-1) as object), signal };
     const method = client[name] as (...args: unknown[]) => unknown;
@@ -91,15 +95,46 @@ async function answer(
           return;
         }
         call.room -= 1;
-        tell({ id, item }, buffersOf(item));
+        group.add(item);
       }
+      group.send();
       tell({ id, end: true });
     } else {
       const value = await found;
       tell({ id, value }, buffersOf(value));
     }
   } catch (error) {
+    group.send();
     tell({ id, error: packed(error) });
+  } finally {
+    group.drop();
+  }
+}
+
+/** Items that go over in one message. */
+class Group {
+  private items: unknown[] = [];
+  private timer: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(private readonly tell: (items: readonly unknown[]) => void) {}
+
+  add(item: unknown): void {
+    this.items.push(item);
+    this.timer ??= setTimeout(() => this.send(), ITEMS_MS);
+  }
+
+  send(): void {
+    const { items } = this;
+    this.drop();
+    if (items.length > 0) {
+      this.tell(items);
+    }
+  }
+
+  drop(): void {
+    clearTimeout(this.timer);
+    this.timer = undefined;
+    this.items = [];
   }
 }
 

@@ -160,11 +160,15 @@ export class WorkerClient implements ChunkClient {
     const { signal, ...rest } = options;
     this.check(signal);
     const id = ++this.last;
-    const arrived: Told[] = [];
+    const arrived: (Exclude<Told, { items: unknown }> | { item: unknown })[] = [];
     let wake = () => {};
     let failure: { readonly error: unknown } | null = null;
     const told = (message: Told) => {
-      arrived.push(message);
+      if ("items" in message) {
+        message.items.forEach((item) => arrived.push({ item }));
+      } else {
+        arrived.push(message);
+      }
       wake();
     };
     const failed = (error: unknown) => {
