@@ -13,14 +13,20 @@ export function apiKey(): string | null {
   return key !== null && /^[!-~]+$/.test(key) ? key : null;
 }
 
-/** Shows where a key can be entered. entered: called when there is another one */
-export function askForKey(entered: () => void): void {
-  element("world", HTMLElement).hidden = false;
+/** Shows where a key can be entered, and why. entered: called when there is another one */
+export function askForKey(entered: () => void, why: string): void {
+  const error = element("key-error", HTMLParagraphElement);
+  error.textContent = why;
   const form = element("unlock", HTMLFormElement);
-  form.hidden = false;
+  if (form.hidden) {
+    form.hidden = false;
+    document.exitPointerLock();
+    element("key", HTMLInputElement).focus();
+  }
   form.onsubmit = (event) => {
     event.preventDefault();
     form.hidden = true;
+    error.textContent = "";
     keep(element("key", HTMLInputElement).value.trim());
     entered();
   };

@@ -77,7 +77,7 @@ export class App {
       make: this.make.bind(this),
       arrived: this.arrived.bind(this),
       offer: this.chooser.offer.bind(this.chooser),
-      askForKey,
+      askForKey: this.askForKey.bind(this),
       say: (message: string) => this.notice.say(message),
       hold: (message: string | null) => this.notice.hold(message),
     };
@@ -208,6 +208,14 @@ export class App {
     const session = new Session(this.renderer, client, world, start, innerHeight, troubles);
     session.setView(link.view);
     return session;
+  }
+
+  private askForKey(entered: () => void, why: string): void {
+    this.chooser.open();
+    askForKey(() => {
+      this.chooser.close();
+      entered();
+    }, why);
   }
 
   private arrived(_session: Session, link: Link, before: Session | null): void {

@@ -3,7 +3,7 @@
 import type { AnyWorld, Recipe, RecipeTree } from "chunkserver-client";
 
 import { element } from "./element.js";
-import { seedOf } from "./link.js";
+import { SEED_FIRST, seedOf } from "./link.js";
 import { RecipeEditor } from "./recipe_editor.js";
 import { SEED_MAX, type Source } from "./world.js";
 
@@ -52,6 +52,9 @@ export class Chooser {
     recipes.forEach(({ name, description }) => this.described.set(name, description));
     if (chosen !== null) {
       this.show(chosen);
+    } else {
+      this.seed.value ||= String(SEED_FIRST);
+      this.open();
     }
   }
 
@@ -75,6 +78,18 @@ export class Chooser {
     this.error.textContent = seed === null ? `A seed is a whole number from ${-SEED_MAX - 1n} to ${SEED_MAX}.` : "";
     if (seed !== null) {
       this.chosen({ kind: "seed", seed, recipe }, keepsPlace);
+    }
+  }
+
+  open(): void {
+    if (this.panel.hidden) {
+      this.toggle();
+    }
+  }
+
+  close(): void {
+    if (!this.panel.hidden) {
+      this.toggle();
     }
   }
 

@@ -39,6 +39,8 @@ const TURNS: Readonly<Record<string, readonly [right: number, up: number]>> = {
   ArrowDown: [0, -1],
 };
 const STRIKES: Readonly<Record<string, "carve" | "fill">> = { KeyE: "carve", KeyQ: "fill" };
+/** What presses a button that has the focus. */
+const PRESSES: ReadonlySet<string> = new Set(["Enter", "NumpadEnter", "Space"]);
 
 export class Input {
   /** Shown where fingers are. */
@@ -59,6 +61,7 @@ export class Input {
     addEventListener("keydown", (event) => this.keyDown(event));
     addEventListener("keyup", (event) => this.keyUp(event.code));
     addEventListener("blur", () => this.release());
+    document.addEventListener("visibilitychange", () => this.release());
     document.addEventListener("pointerlockchange", () => this.isLocked || (this.striking = null));
     canvas.addEventListener("pointerdown", (event) => this.pointerDown(event));
     canvas.addEventListener("pointermove", (event) => this.pointerMove(event));
@@ -102,15 +105,22 @@ export class Input {
 
   /** A button of the page is held like a key. */
   hold(button: HTMLElement, code: string): void {
-    button.addEventListener("pointerdown", () => this.held.add(code));
-    for (const type of ["pointerup", "pointercancel", "pointerleave"] as const) {
-      button.addEventListener(type, () => this.held.delete(code));
+    const down = () => this.held.add(code);
+    const up = () => this.held.delete(code);
+    button.addEventListener("pointerdown", down);
+    button.addEventListener("keydown", (event) => PRESSES.has(event.code) && down());
+    button.addEventListener("keyup", (event) => PRESSES.has(event.code) && up());
+    for (const type of ["pointerup", "pointercancel", "pointerleave", "blur"] as const) {
+      button.addEventListener(type, up);
     }
+    button.addEventListener("contextmenu", (event) => event.preventDefault()); // of a finger that stays
   }
 
+  /** Nothing is held any more: what comes up from now on may be told to others. */
   private release(): void {
     this.held.clear();
-    this.striking = null;
+    this.striking = this.stick = this.finger = null;
+    this.onStick(0, 0);
   }
 
   private strike(op: "carve" | "fill"): void {
@@ -119,6 +129,9 @@ export class Input {
   }
 
   private keyDown(event: KeyboardEvent): void {
+    if (event.key === "Meta") {
+      this.release(); // a Mac tells of no key that comes up while Cmd is down
+    }
     if (!this.isOurs(event) || event.ctrlKey || event.metaKey || event.altKey) {
       return;
     }

@@ -16,6 +16,8 @@ export interface Link {
 
 /** In the order of their keys; the first one is that of a link which names none. */
 export const VIEWS: readonly View[] = ["shaded", "wireframe", "levels", "normals"];
+/** Of a link which names none. */
+export const SEED_FIRST = 42n;
 const ID = /^[a-z0-9_-]{1,64}$/;
 const DECIMAL = /^[+-]?\d{1,13}(\.\d{1,9})?$/;
 const PLACES = 3;
@@ -30,7 +32,7 @@ export function readLink(hash: string): Link {
       ? { kind: "world", id }
       : {
           kind: "seed",
-          seed: seedOf(seed ?? "") ?? 42n,
+          seed: seedOf(seed ?? "") ?? SEED_FIRST,
           recipe: recipe !== null && ID.test(recipe) ? recipe : "planet",
         };
   const [position, ahead] = [triple(given.get("at")), triple(given.get("look"))];

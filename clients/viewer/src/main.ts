@@ -22,6 +22,7 @@ function rendererOf(canvas: HTMLCanvasElement): WebGLRenderer | null {
 const canvas = element("view", HTMLCanvasElement);
 const renderer = rendererOf(canvas);
 if (renderer === null) {
+  document.querySelectorAll<HTMLElement>("header, footer, #aim").forEach((part) => (part.hidden = true));
   new Notice().hold(
     "This browser shows no WebGL 2, which draws the world: it may be switched off, or the graphics card is not supported.",
   );
@@ -30,7 +31,6 @@ if (renderer === null) {
     const app = new App(canvas, renderer);
     window.chunkserver = scripting(app);
     void app.start();
-    canvas.focus();
   } catch (error) {
     new Notice().hold(`This page cannot run here: ${String(error)}`);
     throw error;

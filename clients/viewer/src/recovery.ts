@@ -22,7 +22,7 @@ export interface Host {
   resume(part: Part): void;
   /** Shows the world as it is now. */
   reopen(): void;
-  askForKey(): void;
+  askForKey(why: string): void;
   /** Says it for as long as it is so; null is nothing. */
   tell(message: string | null): void;
 }
@@ -109,7 +109,7 @@ export class Recovery {
         });
         break;
       case "key":
-        this.host.askForKey();
+        this.host.askForKey(trouble.message);
         break;
       case "stop":
         console.error(trouble.error);

@@ -32,6 +32,8 @@ const RESTLESS_SECONDS = 1.5;
 /** A machine whose frames take that long rests where it can. */
 const SLOW_SECONDS = 1 / 25;
 const PACE_PART = 0.2;
+/** Some want nothing to move by itself. */
+const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 const NEAR_MIN = 0.08;
 const NEAR_MAX = 1e5;
 /** Of the distance to the nearest bounds of a chunk. */
@@ -193,7 +195,7 @@ export class Session implements WorldShown<Session> {
       this.seen = seen;
       this.restless = RESTLESS_SECONDS;
     }
-    const isResting = this.restless <= 0 && this.pace > SLOW_SECONDS;
+    const isResting = this.restless <= 0 && (CALM.matches || this.pace > SLOW_SECONDS);
     if (!isResting) {
       this.restless -= elapsed;
       this.pace += (elapsed - this.pace) * PACE_PART;

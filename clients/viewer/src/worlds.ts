@@ -43,7 +43,7 @@ export interface Page<World> {
   arrived(world: World, link: Link, before: World | null): void;
   /** What there is to choose from, and what is chosen; nothing if no world is shown. */
   offer(recipes: readonly Recipe[], chosen: AnyWorld | null): void;
-  askForKey(entered: () => void): void;
+  askForKey(entered: () => void, why: string): void;
   /** For a few seconds. */
   say(message: string): void;
   /** For as long as it is so; null is nothing. */
@@ -74,7 +74,7 @@ export class Worlds<World extends WorldShown<World>> {
       ready: () => this.client.waitUntilReady(0),
       resume: (part: Part) => (part === "world" ? void this.show(this.wanted) : this.showing.newest?.resume(part)),
       reopen: () => this.reopen(),
-      askForKey: () => this.askForKey(),
+      askForKey: (why: string) => this.askForKey(why),
       tell: (message: string | null) => page.hold(message),
     };
     this.recovery = new Recovery(host, clock);
@@ -134,7 +134,7 @@ export class Worlds<World extends WorldShown<World>> {
     const { remedy, message } = verdictOn(why);
     this.page.say(error instanceof EditFailed ? error.message : message);
     if (remedy === "key") {
-      this.askForKey();
+      this.askForKey(message);
     } else if (remedy === "reopen" && this.isLive(world)) {
       this.recovery.failed("edits", why);
     }
@@ -202,13 +202,13 @@ export class Worlds<World extends WorldShown<World>> {
     }
   }
 
-  private askForKey(): void {
+  private askForKey(why: string): void {
     this.page.askForKey(() => {
       this.all.forEach((world) => world.retire());
       this.client.close();
       this.client = this.page.connect();
       this.recovery.forget();
       this.reopen();
-    });
+    }, why);
   }
 }

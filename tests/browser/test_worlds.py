@@ -1,0 +1,31 @@
+"""Which world is shown, and from where."""
+
+import pytest
+
+from tests.browser.conftest import Play
+from tests.serving import Server
+
+
+def test_a_link_restores_world_and_camera(play: Play, server: Server):
+    found = play("link", server)
+    first, second = found["cameras"]
+    assert first["position"] == second["position"] == [1000000123.25, 90.5, -2000000.75]
+    assert first["ahead"] == pytest.approx(second["ahead"], abs=1e-3)
+    assert found["title"].startswith("Hills, seed -7")
+    assert found["counters"]["triangles"] > 0
+
+
+def test_a_recipe_is_edited(play: Play, server: Server):
+    found = play("recipe", server)
+    assert found["error"].startswith("Line 4. b")
+    assert found["isInvalid"] == "true"
+    assert found["after"] == ""
+    assert "recipe=plane" not in found["hash"]
+
+
+def test_a_link_to_no_world(play: Play, server: Server):
+    found = play("absent", server)
+    assert "not-there" in found["notice"]
+    assert {"Planet", "Plane", "Terrain"} <= set(found["choices"])
+    assert found["title"].startswith("Plane, seed ")
+    assert found["isHidden"]
