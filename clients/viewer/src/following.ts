@@ -29,6 +29,8 @@ const CONNECT_SECONDS_MAX = 4;
 const SILENT_MS = 1500;
 /** Between two attempts to open a stream, the first of which comes at once. */
 const STREAMS: Pauses = { first: 1_000, most: 60_000 };
+/** Edits that are read one by one; who has missed more draws everything anew. */
+const MISSED_MAX = 1000n;
 /** A stream that has lasted so long is a good one. */
 const LASTING_MS = 60_000;
 
@@ -240,7 +242,7 @@ export class Following {
         throw new StreamEnded(4404);
       }
       if (revision > this.heard) {
-        await this.catchUp(world);
+        await this.catchUp(world, revision);
       }
       if (this.failures > 1 && !this.isLate && this.stream === null) {
         this.isLate = true;
@@ -257,7 +259,7 @@ export class Following {
     try {
       const retry = { secondsMax: OPEN_SECONDS, backoffSecondsMax: CONNECT_SECONDS_MAX };
       stream = await open(this.client, world, randomName(), { retry });
-      await this.catchUp(world);
+      await this.catchUp(world, stream.revision);
       if (this.left.signal.aborted) {
         stream.close();
         return;
@@ -296,7 +298,12 @@ export class Following {
     void this.look();
   }
 
-  private async catchUp(world: WorldDescriptor): Promise<void> {
+  /** Hears of everything up to a revision of the world, at least. */
+  private async catchUp(world: WorldDescriptor, revision: bigint): Promise<void> {
+    if (revision - this.heard > MISSED_MAX) {
+      this.missed(revision);
+      return;
+    }
     try {
       for await (const edit of this.client.edits(world, this.heard)) {
         this.take(edit);
@@ -305,7 +312,15 @@ export class Following {
       if (!(error instanceof BadRequest)) {
         throw error;
       }
-      this.terrain.outdate(null, this.heard); // the log no longer goes back that far
+      this.missed(revision); // the log no longer goes back that far
+    }
+  }
+
+  /** Nobody says what was changed up to a revision: anything may have been. */
+  private missed(revision: bigint): void {
+    if (revision > this.heard) {
+      this.terrain.outdate(null, revision);
+      this.hear(revision);
     }
   }
 

@@ -459,8 +459,35 @@ test("the first dig in a seed makes its world, and is sent again until both are 
 });
 
 test("a log that does not go back that far means that anything may have changed", async () => {
-  const page = await following(({ server }) => {
-    server.wrong = (call) => (call === "edits" ? new BadRequest(422, { title: "no" }) : null);
-  });
+  const page = new Page();
+  const world = await page.server.world();
+  page.server.write();
+  page.server.wrong = (call) => (call === "edits" ? new BadRequest(422, { title: "no" }) : null);
+  page.begin(world);
+  await page.pass(5_000);
   assert.deepEqual(page.outdated, [null]);
+  assert.ok(page.following.isLive);
+});
+
+test("what the log no longer has is drawn anew once, not at every look", async () => {
+  const page = await following(({ server }) => (server.streamError = new StreamEnded(4400)));
+  page.server.wrong = (call) => (call === "edits" ? new BadRequest(422, { title: "no" }) : null);
+  page.server.write();
+  await page.pass(20_000);
+  assert.deepEqual(page.outdated, [null]);
+  assert.equal(page.following.revision, 1n);
+  page.server.write();
+  await page.pass(20_000);
+  assert.deepEqual(page.outdated, [null, null]);
+});
+
+test("who has missed very much does not read all of it", async () => {
+  const page = await following(({ server }) => (server.streamError = new StreamEnded(4400)));
+  for (let edit = 0; edit < 1001; edit++) {
+    page.server.write();
+  }
+  await page.pass(4_000);
+  assert.deepEqual(page.outdated, [null]);
+  assert.equal(page.following.revision, 1001n);
+  assert.ok(!page.server.asked.includes("edits"));
 });
