@@ -54,7 +54,8 @@ export class App {
   private shownAt = -Infinity;
   private linkedAt = -Infinity;
   private before = performance.now();
-  private isStriking = false;
+  /** In which an own edit is on its way. */
+  private striking: Session | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -127,16 +128,20 @@ export class App {
   }
 
   async edit(strokes: readonly Stroke[]): Promise<void> {
-    await this.worlds.newest?.edit(strokes);
+    const { newest } = this.worlds;
+    if (newest === null) {
+      throw new Error("no world is shown yet");
+    }
+    await newest.edit(strokes);
   }
 
   /** Digs or builds where the crosshair is. Returns whether there was anything. */
   async strike(op: "carve" | "fill"): Promise<boolean> {
     const { session } = this;
-    if (session === null || session.isRetired || this.isStriking) {
+    if (session === null || session.isRetired || this.striking === session) {
       return false;
     }
-    this.isStriking = true;
+    this.striking = session;
     try {
       const isHit = await session.strike(op, Number(this.radius.value));
       if (!isHit) {
@@ -147,7 +152,7 @@ export class App {
       this.worlds.refused(error, session);
       return false;
     } finally {
-      this.isStriking = false;
+      this.striking = this.striking === session ? null : this.striking;
     }
   }
 
@@ -227,7 +232,7 @@ export class App {
 
   /** Somebody has changed the address. */
   private follow(link: Link): void {
-    if (this.session === null || this.session.isRetired || !isSame(link.source, this.worlds.source)) {
+    if (this.session === null || this.session.isRetired || this.isOpening || !isSame(link.source, this.worlds.source)) {
       void this.worlds.show(link);
     } else if (location.hash !== this.link()) {
       this.setWalking(link.isWalking);

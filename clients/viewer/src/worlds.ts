@@ -57,6 +57,10 @@ export class Worlds<World extends WorldShown<World>> {
   source: Source;
   private readonly showing: Showing<World>;
   private recipes: readonly Recipe[] = [];
+  /** Whether the viewer stays where they are when that comes. */
+  private keepsPlace = false;
+  /** What was shown last: it goes on where what is wanted cannot be had. */
+  private begun: Link | null = null;
   /** How many were to be shown; which of them the last was that has come of it, or never will. */
   private asked = 0;
   private answered = 0;
@@ -72,7 +76,7 @@ export class Worlds<World extends WorldShown<World>> {
     this.showing = new Showing(clock);
     const host = {
       ready: () => this.client.waitUntilReady(0),
-      resume: (part: Part) => (part === "world" ? void this.show(this.wanted) : this.showing.newest?.resume(part)),
+      resume: (part: Part) => this.resume(part),
       reopen: () => this.reopen(),
       askForKey: (why: string) => this.askForKey(why),
       tell: (message: string | null) => page.hold(message),
@@ -113,6 +117,7 @@ export class Worlds<World extends WorldShown<World>> {
   async show(link: Link, keepsPlace = false): Promise<void> {
     const number = ++this.asked;
     this.wanted = link;
+    this.keepsPlace = keepsPlace;
     this.recovery.forget("world");
     try {
       const [world, recipes] = await Promise.all([open(this.client, link.source), this.client.recipes()]);
@@ -150,6 +155,7 @@ export class Worlds<World extends WorldShown<World>> {
       delayed: (error) => recovery.note("own", error === null ? null : "Your last change is sent again."),
     });
     recovery.forget();
+    this.begun = link;
     this.showing.begin(world, keepsPlace, (before) => {
       this.source = link.source;
       this.page.arrived(world, link, keepsPlace ? before : null);
@@ -164,19 +170,19 @@ export class Worlds<World extends WorldShown<World>> {
   }
 
   private notOpened(error: unknown, keepsPlace: boolean): void {
-    const { current } = this;
+    const { newest, begun } = this;
     const { remedy, message } = verdictOn(error, true);
-    if (remedy === "stop" && current !== null && this.isLive(current)) {
+    if (remedy === "stop" && newest !== null && begun !== null && this.isLive(newest)) {
       this.answered = this.asked; // what is shown goes on
-      this.wanted = { ...current.place, source: this.source };
+      this.wanted = begun;
       this.page.say(message);
       if (!keepsPlace) {
-        this.page.offer(this.recipes, current.world); // whose recipe is edited goes on with it
+        this.page.offer(this.recipes, newest.world); // whose recipe is edited goes on with it
       }
       return;
     }
     this.recovery.failed("world", error);
-    if (current === null) {
+    if (newest === null) {
       this.client.recipes().then(
         (recipes) => this.current ?? this.page.offer(recipes, null),
         () => {}, // then there is nothing to choose from
@@ -191,12 +197,22 @@ export class Worlds<World extends WorldShown<World>> {
     }
   }
 
+  /** A world that is left stays as it is. */
+  private resume(part: Part): void {
+    const { newest } = this;
+    if (part === "world") {
+      void this.show(this.wanted, this.keepsPlace);
+    } else if (newest?.isRetired === false) {
+      newest.resume(part);
+    }
+  }
+
   /** The world is not what it was: its last picture stays until there is one of what it is now. */
   private reopen(): void {
     const { newest } = this.showing;
     newest?.retire();
     if (newest === null || this.answered < this.asked) {
-      void this.show(this.wanted);
+      void this.show(this.wanted, this.keepsPlace);
     } else {
       void this.show({ ...newest.place, source: this.wanted.source }, true);
     }

@@ -243,6 +243,39 @@ test("a world that is gone while another one is waited for is not opened anew", 
   );
 });
 
+test("a world that is on its way goes on, too, when the next one is not there", async () => {
+  const { page, worlds } = await shown();
+  await worlds.show(linkOf("two"));
+  page.wrong = (id) => (id === "three" ? refusal(404) : null);
+  await worlds.show(linkOf("three"));
+  assert.deepEqual([page.said, page.held], [["404 no: because of 404"], null]);
+  page.made[1].isPresentable = true;
+  worlds.update();
+  assert.equal(worlds.current.world.id, "two");
+  assert.ok(!worlds.isOpening);
+});
+
+test("the viewer stays where they are, though it takes more than one attempt to open the world anew", async () => {
+  const { page, worlds, one } = await shown();
+  page.wrong = () => refusal(503);
+  one.troubles.failed(new StreamEnded(4404));
+  await page.clock.pass(1_000);
+  page.wrong = () => null;
+  await page.clock.pass(10_000);
+  worlds.update();
+  assert.deepEqual(page.made[1].prepared, [one]);
+});
+
+test("a world that is left is not resumed", async () => {
+  const { page, one } = await shown();
+  page.wrong = (id) => (id === "one" ? refusal(500) : null);
+  one.troubles.chunksFailed(new Unreachable("no answer"));
+  one.troubles.failed(new StreamEnded(4404));
+  await page.clock.pass(10_000);
+  assert.ok(one.isRetired);
+  assert.deepEqual(one.resumed, []);
+});
+
 test("a world that is not there at the start is said to be, with what there is to choose", async (t) => {
   t.mock.method(console, "error", () => {});
   const { page, worlds } = await shown((it) => (it.wrong = (id) => (id === "one" ? refusal(404) : null)));
