@@ -5,7 +5,8 @@ import * as frames from "./frames.mjs";
 import * as hands from "./hands.mjs";
 import * as layout from "./layout.mjs";
 import * as others from "./others.mjs";
+import * as recovery from "./recovery.mjs";
 import * as shown from "./shown.mjs";
 import * as worlds from "./worlds.mjs";
 
-export const SCENES = { ...shown, ...frames, ...hands, ...worlds, ...others, ...failing, ...layout };
+export const SCENES = { ...shown, ...frames, ...hands, ...worlds, ...others, ...failing, ...layout, ...recovery };
