@@ -23,7 +23,7 @@ levels would be made of speckle. Two rules hold for every built-in (`tests/prope
 
 - no level has more than {growth:g} times the triangles per chunk of LOD 0, in the mean and at most;
 - no closed piece of surface is smaller than {stray} cells, unless it is all there is to see. `terrain` breaks
-  this at LOD 0 and 1, `planet` at LOD 1: where a cave only grazes the ground, chips of rock are left.
+  this at LOD 0 and 1, `planet` and `continents` at LOD 1: where a cave only grazes the ground, chips of rock are left.
 
 ## Mean
 

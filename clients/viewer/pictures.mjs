@@ -23,8 +23,9 @@ const FRAMES = 5;
 
 /** What is shown: the page's link, and the view if it is not daylight. */
 const PICTURES = {
-  orbit: { link: "recipe=planet&seed=42&at=345,188,282&look=-0.722,-0.361,-0.59" },
-  planet: { link: "recipe=planet&seed=42&at=118,60,178&look=0.386,-0.041,-1.005" },
+  orbit: { link: "recipe=continents&seed=42&at=-16150,6360,12720&look=16.15,-6.36,-12.72" },
+  coast: { link: "recipe=continents&seed=42&at=2449,-4253,9009&look=0.148,-0.781,-0.606" },
+  islands: { link: "recipe=islands&seed=42&at=0,60,-260&look=0.4,-0.12,0.9" },
   cave: { link: "recipe=terrain&seed=42&at=144.3,6.5,-248.4&look=-0.741,-0.334,-0.59" },
   city: { link: "recipe=city&seed=42&at=30,62,150&look=0.3,-0.13,-0.945" },
   levels: { link: "recipe=terrain&seed=42&at=144.3,30,-248.4&look=-0.741,-0.334,-0.59", view: "levels" },
@@ -54,15 +55,14 @@ async function take(server, name, { link, view }) {
     page.setDefaultTimeout(WAIT_MS);
     await page.goto(`${server}/?quality=high#${link}`);
     await page.addStyleTag({ content: "body > :not(#view) { display: none !important }" });
-    // levels are chosen for the whole height; while chunks come in, small and plain frames are enough
+    // while chunks come in, plain frames are enough
     await page.waitForFunction(() => window.chunkserver?.counters.chunks + window.chunkserver?.counters.pending > 0);
     await page.evaluate(() => window.chunkserver.setView("levels"));
-    await page.setViewportSize({ width: 160, height: 90 });
     await page.waitForFunction(() => window.chunkserver.counters.isSettled);
     await page.evaluate((wanted) => window.chunkserver.setView(wanted), view ?? "shaded");
     await frames(page, FRAMES);
-    await page.setViewportSize({ width: WIDTH, height: HEIGHT });
-    await frames(page, 1);
+    // a page at rest draws nothing
+    await page.evaluate(() => window.dispatchEvent(new Event("resize")));
     const picture = await page.evaluate(drawn, QUALITY);
     await writeFile(join(FOLDER, `${name}.jpg`), Buffer.from(picture.split(",")[1], "base64"));
     const { chunks, triangles, levels } = await page.evaluate(() => window.chunkserver.counters);

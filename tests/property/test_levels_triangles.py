@@ -15,7 +15,7 @@ from tests.scale import TORTURE
 
 ASIDE = CHUNKS_ASIDE if TORTURE else CHUNKS_ASIDE // 2
 
-CHIPS = {"terrain": 22, "planet": 2, "spires": 1, "continents": 2}
+CHIPS = {"terrain": 22, "planet": 2, "spires": 1, "continents": 3}
 """Where a cave only grazes the ground, chips of rock are left: known, no more. The `max` of `terrain` is a promise."""
 CHIPPED_LODS = 3
 

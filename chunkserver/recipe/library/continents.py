@@ -20,7 +20,7 @@ CHAINS: Final = ((0.5, 0.0), (0.84, 1.0))
 MOUNTAIN: Final = 0.3
 """Width of the largest folds of a mountain, in lattice cells a relief."""
 CAVE_FREQUENCY: Final = 0.022
-CAVE: Final = ((0.0, -4000.0), (0.5, -2.4), (0.68, 0.0), (1.0, 4.2))
+CAVE: Final = ((0.0, -4000.0), (0.42, -2.4), (0.6, 0.0), (1.0, 5.2))
 """Density over the caves' noise. Its mean is deep in rock: faded caves do not bend the ground."""
 CAVES_DEEP: Final = 56.0
 """How far caves go below the ground, voxels."""

@@ -21,8 +21,8 @@ const BY_RECIPE: Readonly<Record<string, readonly [Triple, Triple]>> = {
     [100, 37, 60],
   ],
   islands: [
-    [0, 110, -260],
-    [200, 0, 200],
+    [0, 60, -260],
+    [160, 12, 100],
   ],
   canyon: [
     [140, 40, 120],
@@ -59,10 +59,12 @@ const ABOVE: readonly [Triple, Triple] = [
 ];
 /** Of a ball, in radii from its centre. */
 const ORBIT: Triple = [0.9, 1.3, 2.6];
+/** The same for balls that have a better side: land and sea, day and night. */
+const ORBITS: Readonly<Record<string, Triple>> = { continents: [-1.615, 0.636, 1.272] };
 
 export function startOf(recipe: string, { centre, radius }: Shape): Start {
   if (centre !== null && radius !== null) {
-    const position = plus(centre, ORBIT, radius);
+    const position = plus(centre, ORBITS[recipe] ?? ORBIT, radius);
     return { position, ahead: minus(centre, position) };
   }
   const [eye, target] = BY_RECIPE[recipe] ?? ABOVE;

@@ -93,7 +93,7 @@ export function serverUrl(): string {
 
 /** How far the surface may seem to be off, in pixels. Of a ball that large coasts are seen as a whole. */
 const ERROR_PIXELS = 8;
-const ERROR_PIXELS_LARGE = 2;
+const ERROR_PIXELS_LARGE = 4;
 const RADIUS_LARGE = 2000;
 
 /** How far one sees in a world, and how finely, as `LevelOfDetail` takes it. Voxels. */

@@ -1,13 +1,18 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Vector3 } from "three";
+import { Vector3, Vector4 } from "three";
 
+import { drift } from "../src/look/clouds.ts";
+import { definesOf } from "../src/look/ground.ts";
 import { NOISE_SIZE, inTasks, rockNoise, soilNoise } from "../src/look/noise.ts";
 import { LEVELS, groundOf, srgb } from "../src/look/palette.ts";
 import { PERIOD, TURNS, periodOf, remainder } from "../src/look/period.ts";
 import { qualityOf } from "../src/look/quality.ts";
+import { blow } from "../src/look/sea.ts";
 import { sunFor } from "../src/look/sun.ts";
+import { startOf } from "../src/starts.ts";
+import { extentOf } from "../src/world.ts";
 
 /** Where a texture is read at a point, as the shader does it: from its place in the scene and what is left of the anchor. */
 function texel(point, anchor, voxelSize, [a, b]) {
@@ -125,4 +130,52 @@ test("noise is made octave by octave, and other tasks have their turn", async ()
   await inTasks(rockNoise(1));
   clearInterval(timer);
   assert.ok(turns >= 3, `${turns} turns`);
+});
+
+test("each world is told what it has: sea, clouds, climates; machines that are slow no waves", () => {
+  const has = (name, isPlanet, quality) => Object.keys(definesOf(groundOf(name), isPlanet, quality)).sort();
+  assert.deepEqual(has("terrain", false, "low"), ["AIR_STEPS", "DRYER"]);
+  assert.deepEqual(has("islands", false, "high"), ["AIR_STEPS", "DRYER", "FINE", "SEA"]);
+  assert.deepEqual(has("moon", true, "low"), ["AIR_STEPS", "DRYER", "PLANET"]);
+  assert.deepEqual(has("continents", true, "low"), ["AIR_STEPS", "CLIMATE", "CLOUDS", "DRYER", "PLANET", "SEA"]);
+});
+
+test("clouds and waves go on for hours, and stay what they are", () => {
+  const uniforms = { clouds: { value: new Vector4(10_600, 1, 0, 3) }, waves: { value: new Vector3() } };
+  let turned = 0;
+  for (let second = 0; second < 20_000; second++) {
+    drift(uniforms, 1);
+    blow(uniforms, 1);
+    const { x, y, z, w } = uniforms.clouds.value;
+    assert.deepEqual([x, w], [10_600, 3]);
+    assert.ok(Math.abs(Math.hypot(y, z) - 1) < 1e-9);
+    assert.ok(uniforms.waves.value.x >= 0 && uniforms.waves.value.x < 1);
+    turned += y < 0 ? 1 : 0;
+  }
+  assert.ok(turned > 5_000 && turned < 15_000, `${turned} seconds on the other side`);
+});
+
+test("a planet is first seen whole", () => {
+  for (const [name, radius] of [
+    ["continents", 10_000],
+    ["planet", 200],
+  ]) {
+    const { position, ahead } = startOf(name, { centre: [5, -3, 7], radius });
+    const away = Math.hypot(...ahead);
+    assert.ok(Math.asin(radius / away) < Math.PI / 6, `${name} from ${away}`);
+    assert.deepEqual(
+      position.map((at, axis) => Math.round(at + ahead[axis])),
+      [5, -3, 7],
+    );
+  }
+});
+
+test("levels suffice to see a large planet whole, and its coasts are finer than hills are elsewhere", () => {
+  const world = { lods: 21, chunkCells: 32 };
+  const large = extentOf(world, { centre: [0, 0, 0], radius: 10_000 });
+  const small = extentOf(world, { centre: [0, 0, 0], radius: 200 });
+  assert.ok(32 * 2 ** (large.lods - 1) >= 30_000 && large.lods < 13);
+  assert.ok(large.reach > 100_000);
+  assert.ok(large.errorPixels < small.errorPixels);
+  assert.equal(extentOf(world, { centre: null, radius: null }).errorPixels, small.errorPixels);
 });

@@ -31,10 +31,14 @@ const SUN = 20;
  * The air of a flat world is that of a ball as large as the Earth under it.
  *
  * @param radius metres, null for a flat world
- * @param height of the air of a planet, in radii: where its density is a e-th
+ * @param begins, height of a planet's air, in radii: where it is as dense as it gets, and how far on it is a e-th of that
  */
-export function airUniforms(radius: number | null, airless: boolean, height: number): AirUniforms {
-  const ground = radius === null ? EARTH_RADIUS : radius * 0.97;
+export function airUniforms(
+  radius: number | null,
+  airless: boolean,
+  [begins, height]: readonly [number, number],
+): AirUniforms {
+  const ground = radius === null ? EARTH_RADIUS : radius * begins;
   const [molecules, haze] = radius === null ? [8000, 1200] : [radius * height, radius * height * 0.45];
   const thickness = airless ? 0 : radius === null ? 1 : 1.15;
   const [red, green, blue] = RAYLEIGH_UP;

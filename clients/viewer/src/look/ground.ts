@@ -283,6 +283,14 @@ void main() {
     fineTone += (1.0 - rocky) * (b.height * 0.8 + c.height * 0.9);
     bump += (1.0 - rocky) * (mid.slope * 0.22 + b.slope * 0.30 + c.slope * 0.13) * (1.0 - 0.7 * snow);
   }
+#ifdef CLIMATE
+  // large mountains and woods are seen from far away: coarser detail goes on where finer detail has faded
+  float beyond = smoothstep(0.2, 1.0, pixel);
+  Detail crags = faded(triplanar(rockNoise, at, weights, ${turns[1]}), beyond * (1.0 - smoothstep(4.0, 14.0, pixel)));
+  Detail crowns = faded(triplanar(soilNoise, at, weights, ${turns[2]}), beyond * (1.0 - smoothstep(1.6, 5.0, pixel)));
+  fineTone += rocky * crags.height * 0.8 + (1.0 - rocky) * (crowns.height * 0.8 + beyond * wide.height * 0.5);
+  bump += rocky * crags.slope * 0.9 + (1.0 - rocky) * crowns.slope * 0.28 * (1.0 - 0.7 * snow);
+#endif
   bump *= ${SLOPE_MAX}.0 * roughness;
   bump -= dot(bump, normal) * normal;
   vec3 face = normalize(normal - bump * 0.35);
@@ -297,7 +305,7 @@ void main() {
   meadow = mix(meadow, sandColour, smoothstep(0.12, 0.42, vast.height + 0.25 * wide.height));
   meadow *= mix(1.0, 0.40 + 1.15 * touch, max(roughness, 0.5));
 #ifdef CLIMATE
-  meadow = clad(meadow, up, height, weather, 1.0 - smoothstep(1.0, 8.0, pixel), touch);
+  meadow = clad(meadow, up, height, weather, 1.0 - smoothstep(4.0, 16.0, pixel), touch);
 #endif
   vec3 earth = soilColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);
   vec3 bottom = lowColour * mix(1.0, 0.65 + 0.6 * touch, max(roughness, 0.4)) * (1.0 + 0.25 * patches);

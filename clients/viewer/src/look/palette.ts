@@ -33,9 +33,10 @@ export interface Ground {
   readonly isCity: boolean;
   /** How high its sea stands; null if it has none. */
   readonly sea: number | null;
-  /** Of a planet, how high its clouds are, and the height over which its air halves about twice, in radii. */
+  /** Of a planet, how high its clouds are over the radius, in radii. */
   readonly clouds: number | null;
-  readonly air: number;
+  /** Of a planet: where its air begins, and over which height it thins out to a e-th, in radii. */
+  readonly air: readonly [number, number];
   /** Whether a planet is large enough for climates. */
   readonly hasClimate: boolean;
 }
@@ -60,7 +61,7 @@ const MEADOWS: Ground = {
   isCity: false,
   sea: null,
   clouds: null,
-  air: 0.045,
+  air: [0.97, 0.045],
   hasClimate: false,
 };
 
@@ -113,7 +114,7 @@ const CITY: Ground = {
 };
 
 const GROUNDS: Readonly<Record<string, Ground>> = {
-  planet: { ...MEADOWS, low: srgb(0xa8986c), lowBelow: -5.5, snowAbove: 15, sea: -6.5, clouds: 0.2 },
+  planet: { ...MEADOWS, low: srgb(0xa8986c), lowBelow: -5.5, snowAbove: 15, sea: -6.5, clouds: 0.13 },
   continents: {
     ...MEADOWS,
     low: srgb(0xbfae82),
@@ -121,7 +122,7 @@ const GROUNDS: Readonly<Record<string, Ground>> = {
     snow: srgb(0xbcc4cf),
     sea: 0,
     clouds: 0.06,
-    air: 0.028,
+    air: [0.99, 0.028],
     hasClimate: true,
   },
   islands: { ...MEADOWS, low: srgb(0xcdb988), lowBelow: 3, snowAbove: 78, sea: 0 },

@@ -133,7 +133,7 @@ vec3 drowned(vec3 under, vec3 direction, vec3 upHere, inout float far, float sha
   float slant = max(-dot(up, direction), 1e-4);
   vec3 through = exp(-ABSORBED * (far - met));
   vec3 normal = up;
-  float spread = 0.012;
+  float spread = 0.03;
 #ifdef FINE
   float size = met * waves.z / max(slant, 0.06);
   vec3 weights = levelled(up);
@@ -144,7 +144,7 @@ vec3 drowned(vec3 under, vec3 direction, vec3 upHere, inout float far, float sha
   slopes += 0.16 * wave(at, weights, ${turns[4]}, size, vec2(9.0 * drift, -13.0 * drift));
   float calm = smoothstep(0.0, 2.5, shallow) * 0.7 + 0.3;
   normal = normalize(up - (slopes - up * dot(slopes, up)) * calm);
-  spread = mix(0.004, 0.012, smoothstep(0.02, 3.0, size));
+  spread = mix(0.004, 0.03, smoothstep(0.02, 3.0, size));
 #endif
   float facing = max(dot(normal, -direction), 1e-3);
   float rough = sqrt(spread);
