@@ -1,5 +1,5 @@
-# Needs python3 (3.11 or newer) and make; `make test` needs Node.js with npm and Chromium too and, on
-# Linux, Mesa's libEGL, which draws the pictures. Everything lands in .venv and .cache.
+# Needs python3 (3.11 or newer) and make; `make test` and `make bench` need Node.js with npm and Chromium too and,
+# on Linux, the tests Mesa's libEGL, which draws the pictures. Everything lands in .venv and .cache.
 # ARGS is passed on: make run ARGS="--port 9000"; make test ARGS="tests/unit -k grid"; make lock ARGS=--upgrade;
 # make bench ARGS="--only extraction"; make bench ARGS="compare HEAD~1"
 

@@ -26,7 +26,13 @@ const ARGS = [
   "--disable-component-update",
   "--disable-sync",
 ];
-const CATEGORIES = ["-*", "devtools.timeline", "disabled-by-default-devtools.timeline", "toplevel", "blink.user_timing"];
+const CATEGORIES = [
+  "-*",
+  "devtools.timeline",
+  "disabled-by-default-devtools.timeline",
+  "toplevel",
+  "blink.user_timing",
+];
 /** Level, over hills and caves, in the view that is the cheapest to draw. */
 const FLIGHT = "#recipe=terrain&seed=42&at=240,60,-100&look=-0.6,0,-0.8&view=normals";
 /** Straight on. */
