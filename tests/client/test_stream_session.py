@@ -174,7 +174,7 @@ def test_silence_breaks_the_connection():
     assert not game.is_broken()
 
 
-def test_pauses_double_until_a_welcome():
+def test_pauses_double_until_more_than_a_welcome_comes():
     game = Game()
     pauses = []
     for _ in range(5):
@@ -184,6 +184,11 @@ def test_pauses_double_until_a_welcome():
         game.session.connected()
     assert pauses == [1.0, 2.0, 4.0, 8.0, 8.0]
     game.welcome()
+    game.session.lost()
+    assert game.session.connect_at == 8.0
+    game.session.connected()
+    game.welcome()
+    game.hear("progress", revision="10", asked=0)
     game.session.lost()
     assert game.session.connect_at == 1.0
 

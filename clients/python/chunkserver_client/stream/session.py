@@ -167,7 +167,11 @@ class Session:
         self._heard_at = self._clock()
         try:
             message = read_message(frame)
-            return [] if message is None or self._is_broken else self._take(message)
+            if message is None or self._is_broken:
+                return []
+            events = self._take(message)
+            self._failures = self._failures if isinstance(message, Welcome) else 0
+            return events
         except BadAnswer:
             self._is_broken = True
             return []
@@ -244,7 +248,7 @@ class Session:
             self.epoch, self.revision = welcome.epoch, welcome.revision
             self.chunks.outdate(lambda _: True, self.revision)
         self._seq = max(self._seq, welcome.last_seq or 0)
-        self._state, self._failures, self._inflight_max = "live", 0, welcome.inflight
+        self._state, self._inflight_max = "live", welcome.inflight
         self._unanswered.resend()
         self._obey(0)
         return events

@@ -172,7 +172,12 @@ export class Session {
     this.heardAt = this.options.clock();
     try {
       const message = messages.readMessage(frame);
-      return message === null || this.isRefused ? [] : this.take(message);
+      if (message === null || this.isRefused) {
+        return [];
+      }
+      const events = this.take(message);
+      this.failures = message.kind === "welcome" ? this.failures : 0;
+      return events;
     } catch (error) {
       if (!(error instanceof BadAnswer)) {
         throw error;
@@ -277,7 +282,6 @@ export class Session {
     }
     this.seq = Math.max(this.seq, lastSeq ?? 0);
     this.state = "live";
-    this.failures = 0;
     this.inflightMax = inflight;
     this.unanswered.resend();
     this.obey(0);
