@@ -104,7 +104,13 @@ export class App {
 
   /** Opens what the link names. */
   async start(): Promise<void> {
-    this.renderer.setAnimationLoop(() => this.frame());
+    this.renderer.setAnimationLoop(() => {
+      try {
+        this.frame();
+      } catch (error) {
+        this.worlds.recovery.failed("page", error);
+      }
+    });
     await this.worlds.start();
   }
 
