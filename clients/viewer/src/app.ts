@@ -63,6 +63,7 @@ export class App {
   ) {
     this.input = new Input(canvas, {
       strike: (op) => void this.strike(op),
+      isSeen: () => this.striking === null && this.session?.terrain.isOutdated !== true,
       resize: (times) => this.setRadius(Number(this.radius.value) * times),
       toggleWalk: () => this.setWalking(this.session?.motion.isWalking !== true),
       setView: (number) => this.setView(VIEWS[number]!),

@@ -29,6 +29,8 @@ const CONNECT_SECONDS_MAX = 4;
 const SILENT_MS = 1500;
 /** Between two attempts to open a stream, the first of which comes at once. */
 const STREAMS: Pauses = { first: 1_000, most: 60_000 };
+/** So long it may take until others are heard, where they dig so fast that nothing would ever be drawn. */
+const HELD_MS_MAX = 2_000;
 /** Edits that are read one by one; who has missed more draws everything anew. */
 const MISSED_MAX = 1000n;
 /** A stream that has lasted so long is a good one. */
@@ -54,6 +56,7 @@ export class Following {
   private openedAt = Infinity;
   private openAt = -Infinity;
   private liveAt = 0;
+  private polledAt = -Infinity;
   /** Streams in a row that did not last. */
   private failures = 0;
   /** The last of them. */
@@ -70,7 +73,7 @@ export class Following {
   constructor(
     private readonly client: ChunkClient,
     public world: AnyWorld,
-    private readonly terrain: Pick<Terrain, "outdate" | "setWorld">,
+    private readonly terrain: Pick<Terrain, "outdate" | "setWorld" | "isStarved">,
     private readonly reports: Omit<Troubles, "chunksFailed">,
     private readonly around: Surroundings = HERE,
   ) {
@@ -119,22 +122,12 @@ export class Following {
     if (stream === null || this.isStopped) {
       return;
     }
+    const now = this.around.clock.now();
     try {
-      for (const event of stream.poll()) {
-        if (event.kind === "edits") {
-          if (event.edits.filter(({ revision }) => !this.own.delete(revision)).length) {
-            this.terrain.outdate(event.stale, event.revision);
-          }
-        } else if (event.kind === "stale") {
-          this.terrain.outdate(event.stale, event.revision);
-        } else if (event.kind === "resync" || event.kind === "skipped") {
-          this.terrain.outdate(null, event.revision);
-        } else if (event.kind === "start over") {
-          throw new StreamEnded(4404);
-        }
+      if (!this.terrain.isStarved || now - this.polledAt > HELD_MS_MAX) {
+        this.polledAt = now;
+        this.poll(stream);
       }
-      this.hear(stream.revision);
-      const now = this.around.clock.now();
       this.liveAt = stream.isLive ? now : this.liveAt;
       if (now - this.liveAt > SILENT_MS) {
         throw new Unreachable("the stream of edits is silent");
@@ -160,6 +153,23 @@ export class Following {
       this.openAt = this.liveAt = this.around.clock.now();
       void this.look();
     }
+  }
+
+  private poll(stream: EditStream): void {
+    for (const event of stream.poll()) {
+      if (event.kind === "edits") {
+        if (event.edits.filter(({ revision }) => !this.own.delete(revision)).length) {
+          this.terrain.outdate(event.stale, event.revision);
+        }
+      } else if (event.kind === "stale") {
+        this.terrain.outdate(event.stale, event.revision);
+      } else if (event.kind === "resync" || event.kind === "skipped") {
+        this.terrain.outdate(null, event.revision);
+      } else if (event.kind === "start over") {
+        throw new StreamEnded(4404);
+      }
+    }
+    this.hear(stream.revision);
   }
 
   private hear(revision: bigint): void {

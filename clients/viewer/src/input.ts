@@ -5,6 +5,8 @@ import type { Wish } from "./motion.js";
 /** What is done once, at the touch of a key, a button or a finger. */
 export interface Commands {
   strike(op: "carve" | "fill"): void;
+  /** Whether what was struck before is seen. */
+  isSeen(): boolean;
   resize(times: number): void;
   toggleWalk(): void;
   setView(number: number): void;
@@ -21,6 +23,8 @@ const STICK_PIXELS = 52;
 const BALL_STEP = 1.15;
 /** Milliseconds between two strokes while a button is held. */
 const REPEAT_MS = 220;
+/** The same while the one before is not seen yet: faster ones would outdate each other's chunks on their way. */
+const UNSEEN_MS = 1_000;
 /** A move of the mouse that is larger is an error of the browser's. */
 const MOVE_MAX = 400;
 
@@ -97,7 +101,8 @@ export class Input {
         up += upwards * KEY_RADIANS * elapsed;
       }
     }
-    if (this.striking !== null && performance.now() - this.struckAt > REPEAT_MS) {
+    const waited = performance.now() - this.struckAt;
+    if (this.striking !== null && waited > REPEAT_MS && (waited > UNSEEN_MS || this.commands.isSeen())) {
       this.strike(this.striking);
     }
     return [right, up];

@@ -34,6 +34,9 @@ const PLAN_PART = 0.03;
 /** Milliseconds after which all of it is worked out in one frame, for those who edit all the time. */
 const PATIENCE_MS = 300;
 
+/** Milliseconds in which nothing that is wanted could be drawn. */
+const STARVED_MS = 1_000;
+
 /** Bytes of meshes that are handed to the graphics card in a frame, and more only if one step has more. */
 const DRAWN_BYTES = 2_000_000;
 
@@ -72,6 +75,7 @@ export class Terrain {
   private isChoosing = false;
   private plannedAt = performance.now();
   private updatedAt = performance.now();
+  private drawnAt = performance.now();
   private isStopped = false;
   private isBegun = false;
   private readonly chunkCells: number;
@@ -109,6 +113,16 @@ export class Terrain {
   get isSettled(): boolean {
     const isPlanned = !this.isChanged && (this.planning === null || this.isChoosing);
     return this.steps.length === 0 && isPlanned && this.selector === this.stages.at(-1);
+  }
+
+  /** Whether an edit has outdated something that is drawn. */
+  get isOutdated(): boolean {
+    return this.stale.size > 0;
+  }
+
+  /** Whether nothing was drawn for long, though chunks are wanted: edits may outdate them before all of them have come. */
+  get isStarved(): boolean {
+    return this.steps.length > 0 && !this.isStopped && this.updatedAt - this.drawnAt > STARVED_MS;
   }
 
   /** Whether a first, coarse world around the viewer was drawn completely. */
@@ -312,6 +326,9 @@ export class Terrain {
       } else {
         bytes += this.take(step);
       }
+    }
+    if (left.length === 0 || left.length < this.steps.length) {
+      this.drawnAt = this.updatedAt;
     }
     this.steps = left;
   }

@@ -134,9 +134,14 @@ class Page {
   late = [];
   delayed = [];
   isHidden = false;
+  isStarved = false;
 
   begin(world) {
+    const page = this;
     const terrain = {
+      get isStarved() {
+        return page.isStarved;
+      },
       outdate: (stale, revision) => this.outdated.push(stale === null ? null : Number(revision)),
       setWorld: (made) => this.worlds.push(made.id),
     };
@@ -490,4 +495,23 @@ test("who has missed very much does not read all of it", async () => {
   assert.deepEqual(page.outdated, [null]);
   assert.equal(page.following.revision, 1001n);
   assert.ok(!page.server.asked.includes("edits"));
+});
+
+test("where nothing can be drawn for all the edits of others, they wait a little", async () => {
+  const page = await following();
+  page.isStarved = true;
+  page.server.write();
+  await page.pass(1_900);
+  assert.deepEqual(page.outdated, []);
+  assert.equal(page.following.revision, 0n);
+  assert.ok(page.following.isLive);
+  page.isStarved = false;
+  page.server.write();
+  await page.pass(100);
+  assert.deepEqual(page.outdated, [1, 2]);
+  page.isStarved = true;
+  page.server.write();
+  await page.pass(2_300);
+  assert.deepEqual(page.outdated, [1, 2, 3], "and not for ever");
+  assert.deepEqual([page.failures, page.late], [[], []]);
 });

@@ -357,3 +357,40 @@ test("whoever moves sees more of a world that others edit in every frame", async
   }
   assert.ok(canvas.draws > before + 50, `${canvas.draws - before} chunks were drawn`);
 });
+
+test("edits that come faster than chunks leave nothing drawn: it is starved, until they wait", async (context) => {
+  let clock = performance.now();
+  context.mock.method(performance, "now", () => clock);
+  const [server, canvas] = [new Server(), new Canvas()];
+  const options = { errorPixels: 8, screenPixels: 720, reach: 512 };
+  const failed = (error) => assert.fail(error);
+  const terrain = new Terrain(server, WORLD, { ...WORLD, geometricErrors: ERRORS }, options, canvas, failed);
+  let edits = 0;
+  const live = async (frames, waits) => {
+    for (let frame = 0; frame < frames; frame++) {
+      clock += 50;
+      terrain.update([16, 16, 16], NOWHERE_SOON);
+      if (frame % 2 === 1) {
+        await server.answer();
+      }
+      if (!waits || !terrain.isStarved) {
+        edits += 1;
+        terrain.outdate(null, BigInt(edits));
+      }
+    }
+  };
+  await live(19, true);
+  assert.ok(!terrain.isStarved);
+  await live(40, false);
+  assert.equal(canvas.draws, 0);
+  assert.ok(terrain.isStarved);
+  await live(40, true);
+  assert.ok(canvas.draws > 0);
+  assert.ok(terrain.isOutdated);
+  for (let frame = 0; frame < 400 && !terrain.isSettled; frame++) {
+    clock += 50;
+    terrain.update([16, 16, 16], NOWHERE_SOON);
+    await server.answer();
+  }
+  assert.ok(terrain.isSettled && !terrain.isOutdated && !terrain.isStarved);
+});
