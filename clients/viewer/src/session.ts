@@ -38,6 +38,8 @@ const NEAR_MIN = 0.08;
 const NEAR_MAX = 1e5;
 /** Of the distance to the nearest bounds of a chunk. */
 const NEAR_PART = 0.5;
+/** How far above somebody in a cave rock is looked for, in voxels. */
+const ROOF = 256;
 /** How far is dug, in metres; further where the ground is further away. */
 const REACH_LEAST = 400;
 
@@ -92,6 +94,7 @@ export class Session implements WorldShown<Session> {
       centre: shape.centre === null ? null : [...shape.centre],
       radius: shape.radius,
     });
+    this.look.isCovered = () => this.ground.ray(this.pose.position, this.pose.up, ROOF) !== null;
     void this.look.isDetailed.then(() => this.touch());
     const { lods, ...view } = extent;
     const shown = { ...world, lods, geometricErrors: errorsOf(world, lods) };

@@ -339,6 +339,7 @@ void main() {
 #else
   float shallow = cameraPosition.y - sea.y - place.y;
 #endif
+  if (sea.y == 0.0) shallow = -1e3;
   vec3 dimmed = sunken(shallow);
   sun *= dimmed;
   ambience *= dimmed;

@@ -81,6 +81,8 @@ async function makeNoises(): Promise<Noises> {
 
 export class Look {
   readonly quality: Quality;
+  /** Whether there is rock above the viewer: asked below the level of the sea, which does not come into caves. */
+  isCovered: () => boolean = () => false;
   /** Resolves when the ground has its noise: the picture is another one then. */
   readonly isDetailed: Promise<void>;
   private view: View = "shaded";
@@ -311,7 +313,8 @@ export class Look {
     const height = this.world.isPlanet
       ? camera.position.distanceTo(middle.value) - sea.value.x
       : camera.position.y - middle.value.y - this.seaHeight;
-    sea.value.y = Math.abs(height) < SEA_LEAST ? SEA_LEAST : height;
+    const isDry = height < 0 && this.isCovered();
+    sea.value.y = isDry ? 0 : Math.abs(height) < SEA_LEAST ? SEA_LEAST : height;
     const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / this.height;
     waves.value.z = pixel;
     const { clouds } = this.cloudUniforms;

@@ -17,7 +17,7 @@ import { PERIOD, TURNS } from "./period.js";
 /** What a shader knows of the sea. */
 export interface SeaUniforms {
   [name: string]: { value: unknown };
-  /** Radius of its ball in metres, unless the world is flat; how high the viewer is above it. */
+  /** Radius of its ball in metres, unless the world is flat; how high the viewer is above it, 0 in a dry cave below. */
   sea: { value: Vector2 };
   /** How far its waves have gone, in periods of their texture, and the width of a pixel one metre away. */
   waves: { value: Vector3 };
@@ -46,6 +46,7 @@ const vec3 DEEP = vec3(0.005, 0.026, 0.050);
 
 /** Where a ray from the viewer meets the surface; negative if it does not. */
 float surfaceAlong(vec3 direction, vec3 up) {
+  if (sea.y == 0.0) return -1.0;
   float rising = dot(up, direction);
 #ifdef PLANET
   float along = (sea.x + sea.y) * rising;
@@ -134,6 +135,7 @@ vec3 drowned(vec3 under, vec3 direction, vec3 upHere, inout float far, float sha
   vec3 through = exp(-ABSORBED * (far - met));
   vec3 normal = up;
   float spread = 0.03;
+  float brightest = 0.07;
 #ifdef FINE
   float size = met * waves.z / max(slant, 0.06);
   vec3 weights = levelled(up);
@@ -144,7 +146,9 @@ vec3 drowned(vec3 under, vec3 direction, vec3 upHere, inout float far, float sha
   slopes += 0.16 * wave(at, weights, ${turns[4]}, size, vec2(9.0 * drift, -13.0 * drift));
   float calm = smoothstep(0.0, 2.5, shallow) * 0.7 + 0.3;
   normal = normalize(up - (slopes - up * dot(slopes, up)) * calm);
-  spread = mix(0.004, 0.03, smoothstep(0.02, 3.0, size));
+  float blurred = smoothstep(0.02, 3.0, size);
+  spread = mix(0.004, 0.03, blurred);
+  brightest = mix(3.0, 0.07, blurred);
 #endif
   float facing = max(dot(normal, -direction), 1e-3);
   float rough = sqrt(spread);
@@ -159,7 +163,7 @@ vec3 drowned(vec3 under, vec3 direction, vec3 upHere, inout float far, float sha
   float tilt = (1.0 - lean * lean) / (lean * lean);
   float density = exp(-tilt / spread) / (3.14159 * spread * lean * lean * lean * lean);
   float mirror = 0.02 + 0.98 * pow(1.0 - max(dot(middle, sunDirection), 0.0), 5.0);
-  light += sun * min(mirror * density / (4.0 * max(facing, 0.12)), 3.0) * smoothstep(0.0, 0.12, high);
+  light += sun * min(mirror * density / (4.0 * max(facing, 0.12)), brightest) * smoothstep(0.0, 0.12, high);
 
 #ifdef FINE
   // foam where waves run out
