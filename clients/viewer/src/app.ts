@@ -136,8 +136,8 @@ export class App {
 
   async edit(strokes: readonly Stroke[]): Promise<void> {
     const { newest } = this.worlds;
-    if (newest === null) {
-      throw new Error("no world is shown yet");
+    if (newest === null || newest.isRetired) {
+      throw new Error("no world is shown that can be changed");
     }
     await newest.edit(strokes);
   }

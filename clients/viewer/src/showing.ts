@@ -9,6 +9,8 @@ export const KEPT_MS_MAX = 4_000;
 export interface Shown<Self> {
   /** Whether there is enough of it to be looked at. */
   readonly isPresentable: boolean;
+  /** Whether nothing is fetched or heard any more. */
+  readonly isRetired: boolean;
   /** Once a frame while another one is on the screen. leader: who is where the viewer is; null if that is another place */
   prepare(leader: Self | null): void;
   /** Fetches nothing more and hears nothing more, but stays as it is. */
@@ -65,7 +67,8 @@ export class Showing<World extends Shown<World>> {
     }
     const { world, since, keepsPlace } = this.coming;
     world.prepare(keepsPlace ? this.current : null);
-    if (world.isPresentable || this.clock.now() - since > KEPT_MS_MAX) {
+    const isDue = !world.isRetired && this.clock.now() - since > KEPT_MS_MAX; // of one that is retired nothing comes
+    if (world.isPresentable || isDue) {
       this.swap();
     }
   }

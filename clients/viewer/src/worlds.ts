@@ -25,8 +25,6 @@ export interface Troubles {
 /** A world on the screen, or on its way there. */
 export interface WorldShown<Self> extends Shown<Self> {
   readonly world: AnyWorld;
-  /** Whether nothing is fetched or heard any more. */
-  readonly isRetired: boolean;
   /** From where it is seen, and how. */
   readonly place: Omit<Link, "source">;
   resume(part: Part): void;

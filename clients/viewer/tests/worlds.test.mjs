@@ -266,6 +266,21 @@ test("the viewer stays where they are, though it takes more than one attempt to 
   assert.deepEqual(page.made[1].prepared, [one]);
 });
 
+test("a world that was gone before there was a picture of it takes no other one's place", async () => {
+  const { page, worlds, one } = await shown();
+  await worlds.show(linkOf("two"));
+  page.wrong = () => refusal(503);
+  page.made[1].troubles.failed(new StreamEnded(4404));
+  await page.clock.pass(2 * KEPT_MS_MAX, () => worlds.update());
+  assert.equal(worlds.current, one);
+  page.wrong = () => null;
+  await page.clock.pass(10_000);
+  page.made[2].isPresentable = true;
+  worlds.update();
+  assert.equal(worlds.current, page.made[2]);
+  assert.ok(one.isDisposed && page.made[1].isDisposed);
+});
+
 test("a world that is left is not resumed", async () => {
   const { page, one } = await shown();
   page.wrong = (id) => (id === "one" ? refusal(500) : null);
