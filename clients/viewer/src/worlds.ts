@@ -1,6 +1,6 @@
 /** One world after another: which one is shown, and what becomes of it when something fails. It knows no page. */
 
-import type { AnyWorld, ChunkClient, Recipe } from "chunkserver-client";
+import { NotFound, type AnyWorld, type ChunkClient, type Recipe } from "chunkserver-client";
 
 import { CLOCK, type Clock } from "./clock.js";
 import { verdictOn } from "./failures.js";
@@ -118,7 +118,7 @@ export class Worlds<World extends WorldShown<World>> {
     this.keepsPlace = keepsPlace;
     this.recovery.forget("world");
     try {
-      const [world, recipes] = await Promise.all([open(this.client, link.source), this.client.recipes()]);
+      const [world, recipes] = await Promise.all([this.open(link.source), this.client.recipes()]);
       if (number === this.asked) {
         this.recipes = recipes;
         this.begin(link, world, keepsPlace);
@@ -140,6 +140,21 @@ export class Worlds<World extends WorldShown<World>> {
       this.askForKey(message);
     } else if (remedy === "reopen" && this.isLive(world)) {
       this.recovery.failed("edits", why);
+    }
+  }
+
+  /** A server that was started anew has forgotten the recipe of whoever wrote one: what is shown still has it. */
+  private async open(source: Source): Promise<AnyWorld> {
+    const { client, newest } = this;
+    try {
+      return await open(client, source);
+    } catch (error) {
+      const recipe = newest?.world.recipe;
+      if (!(error instanceof NotFound) || source.kind !== "seed" || source.recipe !== recipe?.digest) {
+        throw error;
+      }
+      await client.postRecipe(recipe.expression);
+      return open(client, source);
     }
   }
 

@@ -333,6 +333,39 @@ for (const [what, fail] of [
   });
 }
 
+test("a recipe that the server has forgotten is made known to it again", async () => {
+  const page = new Page();
+  const recipe = { name: "d1", digest: "d1", expression: { op: "plane" } };
+  const known = new Set(["d1"]);
+  const connect = page.connect.bind(page);
+  page.connect = () =>
+    Object.assign(connect(), {
+      seed: async (seed, name) => {
+        if (!known.has(name)) {
+          throw refusal(404);
+        }
+        return { kind: "seed", seed, recipe };
+      },
+      worlds: async () => [],
+      postRecipe: async (expression) => {
+        assert.deepEqual(expression, recipe.expression);
+        known.add("d1");
+      },
+    });
+  const link = { ...linkOf(""), source: { kind: "seed", seed: 42n, recipe: "d1" } };
+  const worlds = new Worlds(page, link, page.clock);
+  await worlds.start();
+  known.clear();
+  page.made[0].troubles.chunksFailed(refusal(404));
+  await page.clock.pass(100);
+  assert.equal(page.made.length, 2);
+  assert.equal(page.held, null);
+  known.clear();
+  await worlds.show({ ...link, source: { ...link.source, recipe: "d2" } });
+  assert.deepEqual(page.said, ["404 no: because of 404"]);
+  assert.equal(known.size, 0);
+});
+
 test("a world that cannot be opened anew is said to be so, and its last picture stays", async (t) => {
   t.mock.method(console, "error", () => {});
   const { page, worlds, one } = await shown();
