@@ -24,18 +24,23 @@ export async function dig({ url }, context) {
   };
 }
 
-/** Two pages dig and build at once, here and there; a third one comes later. */
+/** Two pages build each at a place of its own, and dig at the same one; a third one comes later. */
 export async function both({ url }, context) {
   const pages = [await opened(context, url), await opened(context, url)];
   const edit = (page, by) =>
     page.evaluate(async (off) => {
       const [x, y, z] = chunkserver.aim();
+      await chunkserver.build([40 * off, 157, 29], 12); // on either side of x = 0 no chunk is the same
       await chunkserver.dig([x + off, y, z], 5);
-      await chunkserver.build([x + 2 * off, y, z], 3);
     }, by);
+  await pages[0].evaluate(() => chunkserver.dig(chunkserver.aim(), 2)); // from then on there is a world, and its stream
+  for (const page of pages) {
+    await revised(page, 1);
+    await until(page, () => chunkserver.counters.isLive && chunkserver.counters.isSettled);
+  }
   await Promise.all([edit(pages[0], -3), edit(pages[1], 3)]);
   for (const page of pages) {
-    await revised(page, 4);
+    await revised(page, 5);
     await settled(page);
   }
   pages.push(await opened(context, url));
