@@ -54,6 +54,7 @@ const TABLE: readonly Row[] = [
   row(NotAllowed, "key", "key", ({ detail }) => detail),
   ended((code) => KEEPS_OUT.includes(code), "key"),
   row(Gone, "reopen", "retry", () => "The world has changed: it is opened anew."),
+  { isIt: isForeign, remedy: "retry", opening: "retry", says: () => `The server is not where it was. ${AGAIN}` },
   row(NotFound, "reopen", "stop", ({ message }) => message),
   ended((code) => code === IS_OVER, "reopen"),
   row(Conflict, "retry", "stop", ({ message }) => message),
@@ -76,6 +77,11 @@ export function isOpen(error: unknown): boolean {
   const isFull = error instanceof Problem && error.status === 507;
   const isServers = error instanceof Problem && error.status >= 500 && !isFull;
   return error instanceof Unreachable || error instanceof BadAnswer || error instanceof Unavailable || isServers;
+}
+
+/** The server gives its problems a type: this one is of a proxy's, which does not know the server for now. */
+function isForeign(error: unknown): error is NotFound {
+  return error instanceof NotFound && error.type === "about:blank";
 }
 
 /** A stream that the server did not take ends with the problem that it was answered with. */

@@ -1,4 +1,9 @@
-export { problem } from "../../web/src/errors.ts";
+import { problem as problemOf } from "../../web/src/errors.ts";
+
+/** A problem of the server's own, unless its type says otherwise. */
+export function problem(status, members, retryAfter) {
+  return problemOf(status, { type: "urn:chunkserver:problem:some", ...members }, retryAfter);
+}
 
 /** A clock that stands still until it is moved on, and what waits for it. */
 export class FakeClock {

@@ -75,6 +75,7 @@ test("every error has its row, and what is no error of the client's is no server
     [new StreamEnded(4403), "key", "key"],
     [refusal(410), "reopen", "retry"],
     [refusal(404), "reopen", "stop"],
+    [problem(404, { type: "", title: "no problem+json", detail: "default backend" }), "retry", "retry"],
     [new StreamEnded(4404), "reopen", "reopen"],
     [new StreamEnded(4404, { cause: refusal(404) }), "reopen", "stop"],
     [new StreamEnded(4409, { cause: refusal(409) }), "retry", "stop"],
