@@ -81,7 +81,8 @@ def test_figures_are_true(play: Play, server: Server):
     assert rows["Revision"] == counters["revision"]
     assert float(rows["Per chunk"].removesuffix(" ms")) > 0
     assert _bytes(rows["Meshes"]) == _about(scene["bytes"])
-    assert _bytes(rows["Received"]) == _about(found["received"])
+    assert _bytes(rows["Received"]) > 0.97 * found["received"] > 1e6
+    assert found["broken"] or _bytes(rows["Received"]) == _about(found["received"])
     away, again = found["away"], found["again"]
     assert again["Triangles"] == rows["Triangles"] != away["Triangles"]
     assert int(again["Cache hits"]) > int(away["Cache hits"]) + 10

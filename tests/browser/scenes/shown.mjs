@@ -47,7 +47,8 @@ export async function figures({ url }, context) {
   await context.addInitScript(watch);
   const [asked, finished] = [new Set(), []];
   context.on("request", (request) => /^http.*\/v1\//.test(request.url()) && asked.add(request));
-  context.on("requestfailed", (request) => asked.delete(request));
+  let broken = 0; // batches of which no more was wanted: nobody tells how much of them came
+  context.on("requestfailed", (request) => (broken += asked.delete(request)));
   context.on("requestfinished", (request) => asked.has(request) && finished.push(request));
   const page = await opened(context, url);
   await page.keyboard.press("KeyP");
@@ -60,6 +61,7 @@ export async function figures({ url }, context) {
     await frames(page, 1); // its last bytes have come, and nobody has told yet
   }
   const sizes = await Promise.all(finished.map((request) => request.sizes()));
+  const brokenFirst = broken;
   const received = sizes.reduce((sum, { responseBodySize }) => sum + responseBodySize, 0);
   // elsewhere, and back to what has come before
   const { position, ahead } = await camera(page);
@@ -68,7 +70,7 @@ export async function figures({ url }, context) {
   const away = await rows(page);
   await page.evaluate(([at, way]) => chunkserver.setCamera(at, way), [position, ahead]);
   await settled(page);
-  return { first, received, away, again: await rows(page) };
+  return { first, received, broken: brokenFirst, away, again: await rows(page) };
 }
 
 /** What the panel says when it has been told all, and goes on saying. */
