@@ -31,7 +31,10 @@ const SELECT_MS = 150;
 /** Milliseconds of a frame in which it is worked out what to swap, or a part of the frame if that is longer. */
 const PLAN_MS = 1;
 const PLAN_PART = 0.03;
-/** Milliseconds after which all of it is worked out in one frame, for those who edit all the time. */
+/**
+ * Milliseconds after which all of it is worked out in one frame, for those who edit all the time. A first, coarse world
+ * is, too: it is small, and somebody waits for it.
+ */
 const PATIENCE_MS = 300;
 
 /** Milliseconds in which nothing that is wanted could be drawn. */
@@ -155,7 +158,7 @@ export class Terrain {
     } else if (this.isChanged && !this.isChoosing) {
       this.planning = this.plan(position);
     }
-    const isLate = now - this.plannedAt > PATIENCE_MS;
+    const isLate = !this.isLastStage || now - this.plannedAt > PATIENCE_MS;
     while (this.planning?.next().done === false) {
       if (performance.now() > until && !isLate) {
         return;
