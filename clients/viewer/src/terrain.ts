@@ -27,7 +27,7 @@ import { Fetching, type Named } from "./fetching.js";
 /** How much coarser the first worlds are that are shown: a whole one comes soon. */
 const STAGES: readonly number[] = [16, 4, 1];
 /** Milliseconds between two looks at what is to be shown, while chunks are on their way. */
-const SELECT_MS = 150;
+const SELECT_MS = 250;
 /** Milliseconds of a frame in which it is worked out what to swap, or a part of the frame if that is longer. */
 const PLAN_MS = 1;
 const PLAN_PART = 0.03;
@@ -41,7 +41,7 @@ const PATIENCE_MS = 300;
 const STARVED_MS = 1_000;
 
 /** Bytes of meshes that are handed to the graphics card in a frame, and more only if one step has more. */
-const DRAWN_BYTES = 2_000_000;
+const DRAWN_BYTES = 1_000_000;
 
 /** Where chunks are drawn. Those without triangles are not among them. */
 export interface Canvas {
