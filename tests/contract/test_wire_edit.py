@@ -45,6 +45,6 @@ def test_the_page_has_the_limits():
 def test_the_page_has_the_codes():
     table = rows("## How it ends")
     known = {close.code for close in vars(closing).values() if isinstance(close, closing.Close)}
-    assert {int(code) for code in table} == known | {1009, closing.MALFORMED, closing.OUT_OF_ORDER}
+    assert {int(code) for code in table} == known | {1009, 1012, closing.MALFORMED, closing.OUT_OF_ORDER}
     final = {int(code) for code, cells in table.items() if cells[1] == "no"}
     assert final == session.FINAL_CODES - {4403, 4422}, "those are of upgrades that are refused alone"

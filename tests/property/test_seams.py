@@ -67,7 +67,7 @@ def built(recipe: WorldRecipe, tree: Octree) -> list[tuple[ChunkKey, Mesh]]:
     return [(key, extract(sample(recipe, key, shape, tree.coarser(key)))) for key in tree.leaves]
 
 
-LOWS = {"planet": (-1, 2, -1), "moon": (-8, -1, -1), "ring": (-12, -1, -1)}
+LOWS = {"planet": (-1, 2, -1), "continents": (-1, 155, -1), "moon": (-8, -1, -1), "ring": (-12, -1, -1)}
 """Of an octree of three levels from LOD 0 on, where the origin has nothing to see."""
 
 
