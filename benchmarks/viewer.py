@@ -4,8 +4,8 @@ All of it shares the cores of the machine: the server, its workers, the browser,
 is of 1280 x 720, by which levels are chosen; its canvas has a quarter of the pixels each way.
 
 - Page: what the browser is sent before it talks to the server, compressed: the page, its scripts and styles.
-- First view: the page opened without a link, `planet` from orbit. Until something of it is drawn, and until all that is
-  wanted is; "received" is the page and all answers.
+- First view: the page opened without a link, `continents` from orbit. Until something of it is drawn, and until all
+  that is wanted is; "received" is the page and all answers.
 - Fly-through: fifteen seconds over `terrain`, straight on, some 37 voxels a second, while chunks come. As if there were
   a graphics card, WebGL's calls that draw do nothing. From the browser's own trace: all tasks of the page's main
   thread from one animation frame to the next, timers, messages and garbage collection too, less the time in three.js's
@@ -41,7 +41,7 @@ LONG_TASK_SECONDS: Final = 0.05
 KILOBYTE: Final = 1000
 
 PAGE: Final = "page"
-FIRST_VIEW: Final = "first view, planet"
+FIRST_VIEW: Final = "first view, continents"
 FLIGHT: Final = "fly-through, terrain"
 LONG_TASKS: Final = ("long tasks", "tasks")
 DRIVER: Final = Path(__file__).with_name("flight.mjs")

@@ -33,7 +33,7 @@ export function readLink(hash: string): Link {
       : {
           kind: "seed",
           seed: seedOf(seed ?? "") ?? SEED_FIRST,
-          recipe: recipe !== null && ID.test(recipe) ? recipe : "planet",
+          recipe: recipe !== null && ID.test(recipe) ? recipe : "continents",
         };
   const [position, ahead] = [triple(given.get("at")), triple(given.get("look"))];
   const view = VIEWS.find((each) => each === given.get("view")) ?? VIEWS[0]!;
