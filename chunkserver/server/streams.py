@@ -94,22 +94,24 @@ class Streams:
             try:
                 stream.written(StreamEdit(revision, draft.strokes, draft.stale, cells, draft.client, draft.seq))
             except Exception:  # noqa: BLE001 - whatever it was: who resumes misses nothing
-                _log.exception("the stream of world %s ends at revision %d", world.id, revision)
-                del self._streams[draft.epoch]
-                stream.close(closing.FAILED)
+                self._failed(world, stream)
 
     async def _tick(self) -> None:
         """Tick while anybody is connected."""
         while self.connections:
-            for epoch, (world, stream) in tuple(self._streams.items()):
+            for world, stream in tuple(self._streams.values()):
                 try:
                     stream.tick()
                 except Exception:  # noqa: BLE001 - whatever it was: the streams of other worlds go on
-                    _log.exception("the stream of world %s ends", world.id)
-                    self._streams.pop(epoch, None)
-                    stream.close(closing.FAILED)
+                    self._failed(world, stream)
             await asyncio.sleep(limits.TICK_SECONDS)
             self._streams = {epoch: found for epoch, found in self._streams.items() if len(found[1])}
+
+    def _failed(self, world: World, stream: Stream) -> None:
+        """End a stream that an exception was raised in. Its peers connect again, and resume on a new one."""
+        _log.exception("the stream of world %s ends", world.id)
+        self._streams.pop(world.epoch, None)
+        stream.close(closing.FAILED)
 
     def _do(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.ensure_future(_done(connection, work))
