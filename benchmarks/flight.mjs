@@ -7,25 +7,14 @@
  */
 
 import { writeFile } from "node:fs/promises";
-import { createRequire } from "node:module";
 import { join } from "node:path";
 
-const { chromium } = createRequire(new URL("../tests/package.json", import.meta.url))("playwright-core");
+import { CHROMIUM, chromium } from "../tests/chromium.mjs";
 
 const WAIT_MS = 120_000;
 const VIEW = { width: 1280, height: 720 };
 /** Of the canvas for one of the page: levels are chosen for the whole height, and there may be no graphics card. */
 const PIXELS = 0.25;
-const ARGS = [
-  "--no-sandbox",
-  "--use-angle=swiftshader",
-  "--enable-unsafe-swiftshader",
-  "--disable-quic",
-  "--no-first-run",
-  "--disable-background-networking",
-  "--disable-component-update",
-  "--disable-sync",
-];
 const CATEGORIES = [
   "-*",
   "devtools.timeline",
@@ -75,11 +64,7 @@ function watch() {
 }
 
 const [url, folder, seconds] = process.argv.slice(2);
-const browser = await chromium.launch({
-  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-  headless: true,
-  args: ARGS,
-});
+const browser = await chromium.launch(CHROMIUM);
 
 async function opened() {
   const context = await browser.newContext({ viewport: VIEW, deviceScaleFactor: PIXELS });

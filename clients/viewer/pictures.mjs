@@ -7,12 +7,11 @@
  */
 
 import { mkdtemp, rm, writeFile } from "node:fs/promises";
-import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
 
-const { chromium } = createRequire(new URL("../../tests/package.json", import.meta.url))("playwright-core");
+import { CHROMIUM, chromium } from "../../tests/chromium.mjs";
 
 const FOLDER = fileURLToPath(new URL("../../docs/pictures/viewer/", import.meta.url));
 const [WIDTH, HEIGHT] = [1280, 720];
@@ -31,23 +30,11 @@ const PICTURES = {
   levels: { link: "recipe=terrain&seed=42&at=144.3,30,-248.4&look=-0.741,-0.334,-0.59", view: "levels" },
 };
 
-const ARGUMENTS = [
-  "--no-sandbox",
-  "--use-angle=swiftshader",
-  "--enable-unsafe-swiftshader",
-  "--disable-quic",
-  "--no-first-run",
-  "--disable-background-networking",
-  "--disable-component-update",
-  "--disable-sync",
-];
-
 async function take(server, name, { link, view }) {
   const profile = await mkdtemp(join(tmpdir(), "pictures-"));
   const context = await chromium.launchPersistentContext(profile, {
-    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+    ...CHROMIUM,
     viewport: { width: WIDTH, height: HEIGHT },
-    args: ARGUMENTS,
     bypassCSP: true,
   });
   try {

@@ -9,9 +9,8 @@
 
 import { createInterface } from "node:readline";
 
-import { chromium } from "playwright-core";
-
-import { CHROMIUM, VIEW, complaints } from "./page.mjs";
+import { CHROMIUM, chromium } from "../chromium.mjs";
+import { VIEW, complaints } from "./page.mjs";
 import { SCENES } from "./scenes/index.mjs";
 
 let browser;

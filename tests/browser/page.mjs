@@ -1,19 +1,6 @@
 /** What scenes are made of: a page that shows a world, and conditions to wait for. Never a time. */
 
 export const WAIT_MS = 100_000;
-export const CHROMIUM = {
-  executablePath: "/usr/bin/chromium",
-  headless: true,
-  args: [
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-  ],
-};
 /** Half a pixel of the canvas for one of the page: there is no graphics card, and little time. */
 export const VIEW = { viewport: { width: 480, height: 320 }, deviceScaleFactor: 0.5 };
 export const MIDDLE = [240, 160];

@@ -1,8 +1,8 @@
 /** What is missing: a key, a server, a graphics card. */
 
-import { chromium } from "playwright-core";
+import { CHROMIUM, chromium } from "../../chromium.mjs";
 
-import { CHROMIUM, complaints, counters, noticed, opened, revised, sentFor, settled, until } from "../page.mjs";
+import { complaints, counters, noticed, opened, revised, sentFor, settled, until } from "../page.mjs";
 
 /** A browser that has no WebGL. */
 export async function flat({ url }) {
