@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from typing import Final
 from urllib.parse import urlsplit
 
+from tests.listening import close
+
 HEAD_BYTES_MAX: Final = 1 << 16
 PIECE_BYTES: Final = 1 << 16
 EXCHANGE_SECONDS_MAX: Final = 60.0
@@ -175,7 +177,7 @@ class Proxy:
         self.url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
         self._ready.set()
         await self._ended.wait()
-        server.close()
+        await close(server)
         for task in self._exchanges:
             task.cancel()
         await asyncio.gather(*self._exchanges, return_exceptions=True)

@@ -15,6 +15,8 @@ from contextlib import contextmanager, suppress
 from typing import Final
 from urllib.parse import urlsplit
 
+from tests.listening import close
+
 PIECE_BYTES: Final = 1 << 16
 STOP_SECONDS_MAX: Final = 10.0
 
@@ -70,7 +72,7 @@ class Wire:
             self.url = f"{'https' if self._tls else 'http'}://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
             self._ready.set()
             self._loop.run_forever()
-            listening.close()
+            runner.run(close(listening))
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.opened += 1

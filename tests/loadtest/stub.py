@@ -9,13 +9,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from tests.listening import close, turns
+
 JOIN_SECONDS_MAX: Final = 10.0
 KEY: Final = (2, -3, 0, 5)
 """Of the chunk that docs/wire/native-v1.md has as its example: 32 cells, half a metre a voxel."""
 TAG: Final = '"0123456789abcdef0123456789abcdef"'
 MEDIA_TYPE: Final = "application/vnd.chunkserver.mesh"
 
-TURNS: Final = 20
 PAUSE_SECONDS: Final = 0.01
 """Between the pieces of an answer."""
 
@@ -60,12 +61,6 @@ def descriptor() -> bytes:
     return answer("200 OK", json.dumps(content).encode(), content_type="application/json")
 
 
-async def _turns() -> None:
-    """Have the loop do what it has to, however slow the machine is."""
-    for _ in range(TURNS):
-        await asyncio.sleep(0)
-
-
 class Server:
     """requests: the heads that came. open_most: connections at once."""
 
@@ -103,14 +98,13 @@ class Server:
         self.url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
         self._ready.set()
         await self._over.wait()
-        server.close()
-        await _turns()  # a connection that was just accepted has its task some turns of the loop later
+        await close(server)
         for writer in self._writers:  # before their tasks close them, which would wait for what is not written yet
             writer.transport.abort()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks)
-        await _turns()  # transports close some turns later
+        await turns()  # transports close some turns later
 
     async def _answer_all(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
