@@ -174,7 +174,7 @@ class _Stages:
 def serve(pipe: socket.socket, slot: Slot, build: Build = build_chunk, arena: NDArray[np.int32] = NO_ARENA) -> None:
     """Be a worker: say our pid, then answer each request until the pipe ends. Raises what `receive` raises.
 
-    arena: where the bricks lie that deltas read.
+    arena: where the bricks lie that deltas read: as `Edited` has it.
     """
     with pipe, pipe.makefile("rb") as requests:
         at_first = _own_bytes()
@@ -377,7 +377,7 @@ def _fork(control: socket.socket, pipe: socket.socket, memory: Sequence[int], bu
             return
         try:
             control.close()  # the only descriptor of the fork server's that we hold: with it, its end would be hidden
-            slot, arena = Slot(memory[0]), mapped(memory[1], writable=False)
+            slot, arena = Slot(memory[0]), Arena(mapped(memory[1], writable=False)).deltas
             _close(memory)
             with suppress(ConnectionError):
                 serve(pipe, slot, build, arena)

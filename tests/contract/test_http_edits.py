@@ -99,6 +99,21 @@ def within(stale, key) -> bool:
     )
 
 
+def test_what_is_far_from_any_surface_can_be_edited(world):
+    """Deltas are beyond 2^24 there, and are added by another way."""
+    strokes = [ball("fill", 3, 60_000, 4, 6.0)]
+    assert world.edit(strokes).status_code == 200
+    bricks, found = folded([strokes])[-1], 0
+    for lod in range(LODS):
+        y = 60_000 // (CELLS << lod)
+        for key in [ChunkKey(lod, x, y, z) for x in (-1, 0) for z in (-1, 0)]:
+            chunk = world.chunk(key)
+            assert chunk.status_code in (200, 204), chunk.text
+            assert chunk.content == body(bricks, key, 1)
+            found += chunk.status_code == 200
+    assert found > LODS
+
+
 def test_every_chunk_is_as_its_edits_have_left_it(world):
     history, last = folded(STROKES), dict.fromkeys(KEYS, 0)
     tags = {key: world.chunk(key).headers["etag"] for key in KEYS}

@@ -88,7 +88,7 @@ DEEDS = {
 def bricks(edited: Edited) -> Chunk:
     """Say what lies in the bricks that a chunk's own samples read."""
     slots = edited.deltas.own.slots
-    found = edited.arena.reshape(-1, 4096)[slots[slots >= 0]]
+    found = edited.arena[slots[slots >= 0]]
     told = {"bricks": len(found), "sum": int(found.sum()), "writeable": edited.arena.flags.writeable}
     return Chunk("surface", json.dumps(told).encode())
 
