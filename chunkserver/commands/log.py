@@ -83,7 +83,7 @@ def export_command(
     ):
         world, log = existing(store, name), store.log
         found = log.foundation(world.epoch) if log.floor(world.epoch) else None
-        writer = LogWriter(Header(world, found.revision if found else 0), sink.write)
+        writer = LogWriter(Header(world, found.revision if found else 0, log.migrated(world.epoch)), sink.write)
         for part in found.parts if found else ():
             writer.part(part)
         start = found.revision if found else 0
@@ -121,7 +121,8 @@ def import_command(
     with opened(settings, "import into another folder", new=True) as store:
         if store.catalogue.find(world.id) is not None:
             end(f"there is a world {world.id!r} already: --id gives this one another name")
-        store.catalogue.prepare(world.epoch)
+        is_other = world.generator != reader.header.world.generator
+        store.catalogue.prepare(world.epoch, world.revision if is_other else reader.header.migrated)
         if reader.header.foundation:
             store.log.lay(world.epoch, reader.header.foundation, reader.parts())
         count = world.revision - reader.header.foundation

@@ -53,10 +53,12 @@ class Header(NamedTuple):
 
     world: with the generator, the epoch and the revision that it had.
     foundation: the revision that the parts stand for, behind which the edits begin. 0: there is none.
+    migrated: up to which revision edits were made in another generator's terrain, and told what was stale there.
     """
 
     world: World
     foundation: int
+    migrated: int = 0
 
 
 class Line(NamedTuple):
@@ -81,8 +83,9 @@ class LogWriter:
             "seed": str(world.recipe.seed),
             "recipe": json.loads(world.recipe.source),
         }
-        state = {"epoch": world.epoch, "revision": str(world.revision), "foundation": str(header.foundation)}
-        self._line(_json({"chunkserver_log": VERSION, "world": described, **state}))
+        revisions = {"revision": world.revision, "foundation": header.foundation, "migrated": header.migrated}
+        state = {name: str(revision) for name, revision in revisions.items()}
+        self._line(_json({"chunkserver_log": VERSION, "world": described, "epoch": world.epoch, **state}))
 
     def part(self, part: Part) -> None:
         """Write a part of the foundation."""
@@ -203,10 +206,12 @@ def _header(line: dict[str, Any]) -> Header:
     recipe = WorldRecipe(_decimal(told["seed"], SEED_MAX), canonical(told["recipe"]))
     named = {name: told[name] for name in ("id", "recipe_name", "lods", "chunk_cells", "generator", "created")}
     revision, foundation = (_decimal(line[name], REVISION_MAX) for name in ("revision", "foundation"))
-    if not 0 <= foundation <= revision:
-        raise ValueError(f"foundation is {foundation}, and revision {revision}")
+    migrated = _decimal(line.get("migrated", "0"), REVISION_MAX)
+    if not (0 <= foundation <= revision and 0 <= migrated <= revision):
+        raise ValueError(f"foundation is {foundation}, migrated {migrated}, and revision {revision}")
     size, epoch = float(told["voxel_size"]), str(line["epoch"])
-    return Header(World(recipe=recipe, voxel_size=size, epoch=epoch, revision=revision, **named), foundation)
+    world = World(recipe=recipe, voxel_size=size, epoch=epoch, revision=revision, **named)
+    return Header(world, foundation, migrated)
 
 
 def _decimal(text: object, highest: int) -> int:

@@ -59,13 +59,15 @@ class Catalogue:
         worlds = self._worlds
         return [worlds[name] for name in sorted(name for name in worlds if name > after)[:limit]]
 
-    def prepare(self, epoch: str) -> None:
+    def prepare(self, epoch: str, migrated: int = 0) -> None:
         """Begin the log of a world that is yet to be created with this epoch: nobody finds it before.
+
+        migrated: up to which revision its edits were made in another generator's terrain, `EditLog.migrated`.
 
         If the world is not created, its log is gone when the catalogue is opened again. Raises `StoreError`.
         """
         with self._database.write() as connection:
-            connection.execute("INSERT INTO logs (epoch) VALUES (?)", (epoch,))
+            connection.execute("INSERT INTO logs (epoch, migrated) VALUES (?, ?)", (epoch, migrated))
 
     def create(self, world: World) -> World:
         """Return the world that now has this id: `world`, durably; or one that had it before, which is left alone.

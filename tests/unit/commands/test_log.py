@@ -7,6 +7,9 @@ from contextlib import closing
 import pytest
 
 from chunkserver.commands import log_file
+from chunkserver.commands.editing import EditedWorld
+from chunkserver.grid import ChunkKey
+from chunkserver.server import Settings
 from chunkserver.store import Draft, Store
 from chunkserver.store.sqlite import FILE_NAME
 from chunkserver.store.writer import Writer
@@ -168,6 +171,30 @@ def test_a_world_of_another_generator_is_imported_only_if_that_is_said(folder):
     assert shown(folder, "b")["generator"] == current
 
 
+def test_edits_that_are_imported_into_other_terrain_reach_what_they_change_there(tmp_path):
+    """A carve in what was air, and is rock in the new terrain: it told nothing then."""
+    plane(tmp_path / "d")
+    run("edit", "w", "-", "--data", tmp_path / "d", piped=text(ball(0, 40)))
+    first, *rest = exported(tmp_path / "d")
+    assert '"stale":[]' in rest[0]
+    header = json.loads(first)
+    higher = {"op": "subtract", "a": {"op": "y"}, "b": 60}
+    header["world"] |= {"generator": "0123", "recipe": higher}
+    lines = ended([json.dumps(header) + "\n", *rest[:-1]])
+    other, third = tmp_path / "other", tmp_path / "third"
+    said(other, "import", "-", "--other-terrain", piped="".join(lines))
+    said(third, "import", "-", piped="".join(exported(other)))
+    for folder in (other, third):
+        assert "1 edit worked out again" in run("verify", "--data", folder).stdout
+        with closing(Store(folder)) as store:
+            world = store.catalogue.find("w")
+            assert world is not None
+            edited = EditedWorld(store, world, Settings())
+            assert list(edited.replay()) == [1]
+            keys = [ChunkKey(0, 0, 2, 0), ChunkKey(0, 0, 9, 0)]
+            assert [edited.history.last_edit(key) for key in keys] == [1, 0]
+
+
 def change(lines, number, old, new):
     assert old in lines[number]
     return [*lines[:number], lines[number].replace(old, new, 1), *lines[number + 1 :]]
@@ -226,7 +253,9 @@ def within_world(**members):
         (0, within_world(seed="1e3"), "1e3"),
         (0, within_world(recipe={"op": "melt"}), "recipe: at the root"),
         (0, without("revision"), "KeyError 'revision'"),
-        (0, lambda line: line | {"foundation": "13"}, "foundation is 13, and revision 12"),
+        (0, lambda line: line | {"foundation": "13"}, "foundation is 13, migrated 0, and revision 12"),
+        (0, lambda line: line | {"migrated": "13"}, "migrated 13, and revision 12"),
+        (0, lambda line: line | {"migrated": 3}, "'3' is no decimal number"),
         (0, lambda line: line | {"foundation": "3"}, "the foundation is 3, and 0 parts are before this"),
         (0, lambda line: line | {"revision": "9"}, "the file is not what was written"),
         (2, lambda line: line | {"revision": 2}, "revision is 2; the next one is 2"),
