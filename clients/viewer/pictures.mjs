@@ -26,7 +26,7 @@ const PICTURES = {
   coast: { link: "recipe=continents&seed=42&at=2449,-4253,9009&look=0.148,-0.781,-0.606" },
   islands: { link: "recipe=islands&seed=42&at=0,60,-260&look=0.4,-0.12,0.9" },
   cave: { link: "recipe=terrain&seed=42&at=144.3,6.5,-248.4&look=-0.741,-0.334,-0.59" },
-  city: { link: "recipe=city&seed=42&at=30,62,150&look=0.3,-0.13,-0.945" },
+  city: { link: "recipe=city&seed=42&at=100,95,260&look=-0.35,-0.22,-0.9" },
   levels: { link: "recipe=terrain&seed=42&at=144.3,30,-248.4&look=-0.741,-0.334,-0.59", view: "levels" },
 };
 
