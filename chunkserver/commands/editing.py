@@ -97,6 +97,14 @@ class EditedWorld:
             return self.history.take(edit)
 
 
+def begins_with_foundation(log: EditLog, epoch: str) -> bool:
+    """Return whether a world's edits cannot be worked out from the first on to what a server has.
+
+    Those before the foundation are gone; or it was made in another generator's terrain, and its deltas have stayed.
+    """
+    return log.floor(epoch) > 0 or 0 < log.foundation(epoch).revision <= log.migrated(epoch)
+
+
 def behind(log: EditLog, epoch: str, after: int, last: int | None = None) -> Iterator[Any]:
     """Yield the edits of a log behind a revision, up to its end, or up to `last`."""
     end = log.revision(epoch) if last is None else last

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from chunkserver.commands.editing import behind
+from chunkserver.commands.editing import begins_with_foundation, behind
 from chunkserver.commands.files import PIPE, check_writable, lines, written
 from chunkserver.commands.folder import IdArgument, JsonOption, existing, opened
 from chunkserver.commands.log_file import LINE_BYTES_MAX, Header, Line, LogReader, LogWriter
@@ -82,7 +82,7 @@ def export_command(
         written(file) as sink,
     ):
         world, log = existing(store, name), store.log
-        found = log.foundation(world.epoch) if log.floor(world.epoch) else None
+        found = log.foundation(world.epoch) if begins_with_foundation(log, world.epoch) else None
         writer = LogWriter(Header(world, found.revision if found else 0, log.migrated(world.epoch)), sink.write)
         for part in found.parts if found else ():
             writer.part(part)

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from chunkserver.commands.editing import SETTINGS, EditedWorld, Parts, behind
+from chunkserver.commands.editing import SETTINGS, EditedWorld, Parts, begins_with_foundation, behind
 from chunkserver.commands.folder import check_generator, existing, opened
 from chunkserver.commands.saying import counted, end, with_bar
 from chunkserver.commands.warm import make_ready
@@ -66,7 +66,7 @@ def _verify(store: Store, world: World, settings: Settings) -> str:
     edited = EditedWorld(store, world, settings)
     states, said = _states(store, world), list[str]()
     start = 0
-    if store.log.floor(world.epoch):
+    if begins_with_foundation(store.log, world.epoch):
         begun = states.pop(0)
         start = begun.revision
         edited.restore(begun.parts, start)

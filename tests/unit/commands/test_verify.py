@@ -1,4 +1,6 @@
 import json
+import sqlite3
+from contextlib import closing
 from itertools import product
 
 import numpy as np
@@ -8,6 +10,7 @@ from chunkserver.commands import verify
 from chunkserver.edits import Edit
 from chunkserver.edits.boxes import Box
 from chunkserver.grid import ChunkKey
+from chunkserver.recipe import canonical
 from chunkserver.store.sqlite import FILE_NAME
 from tests.strokes import delta_of, dense, no_bricks, place, random_stroke
 from tests.unit.commands.edited import ball, dig, found, keep, logged, plane, text
@@ -51,6 +54,21 @@ def test_what_was_kept_is_compared(folder):
     assert said.endswith("; the foundation of revision 9 is taken as it is\n"), "the snapshot is older"
     keep(folder, 12)
     assert verified(folder).endswith("; equal to the snapshot of revision 12\n")
+
+
+def test_a_foundation_of_other_terrain_is_taken_as_it_is(folder, tmp_path):
+    """As a server does, though all edits before it can be read."""
+    found(folder, 5)
+    higher = canonical({"op": "subtract", "a": {"op": "y"}, "b": 60})
+    with closing(sqlite3.connect(folder / FILE_NAME)) as file, file:
+        file.execute("UPDATE worlds SET source = ?, generator = '0123'", (higher,))
+    assert run("migrate", "w", "--data", folder).exit_code == 0
+    said = verified(folder)
+    assert said.startswith("w: 7 edits worked out again")
+    assert said.endswith("; the foundation of revision 5 is taken as it is\n")
+    carried = run("log", "export", "w", "-", "--data", folder).stdout
+    assert run("log", "import", "-", "--data", tmp_path / "other", piped=carried).exit_code == 0
+    assert verified(tmp_path / "other") == said, "with the same bricks"
 
 
 def brick(parts):
