@@ -131,12 +131,13 @@ def _values(file: str) -> Iterator[tuple[str, Any]]:
     found = lines(file, EDIT_BYTES_MAX)
     number, text = next(found, (0, b""))
     if not _is_json(text):
+        whole = bytearray(text)
         for _, line in found:
-            text += line
-            if len(text) > EDIT_BYTES_MAX:
+            whole += line
+            if len(whole) > EDIT_BYTES_MAX:
                 end(f"{file} has more than {EDIT_BYTES_MAX:,} bytes, and its first line is no edit")
-        if text:
-            yield file, _parsed(file, text)
+        if whole:
+            yield file, _parsed(file, whole)
         return
     yield f"{file}, line {number}", json.loads(text)
     for number, line in found:
@@ -152,7 +153,7 @@ def _is_json(text: bytes) -> bool:
     return True
 
 
-def _parsed(where: str, text: bytes) -> Any:
+def _parsed(where: str, text: bytes | bytearray) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -1,4 +1,5 @@
 import json
+import time
 from contextlib import closing
 
 import numpy as np
@@ -171,3 +172,11 @@ def test_edits_of_a_file_are_what_the_same_edits_are_elsewhere(folder):
     strokes = [ball(*map(float, rng.uniform(-20, 20, 3)), op=op) for op in ("carve", "fill") * 10]
     edit(folder, piped="\n".join(map(text, strokes)))
     assert [found for found, _ in logged(folder)] == [json.loads(Edit.of([stroke]).source) for stroke in strokes]
+
+
+def test_a_long_file_that_is_no_edit_is_refused_soon(folder):
+    """Its lines are put together without a copy of all before them for each."""
+    said, begun = "it is a text\n", time.perf_counter()
+    assert "this is no JSON" in refused(2, "edit", "w", "-", "--data", folder, piped="x\n" * 300_000)
+    assert "and its first line is no edit" in refused(1, "edit", "w", "-", "--data", folder, piped=said * 700_000)
+    assert time.perf_counter() - begun < 10.0
