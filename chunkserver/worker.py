@@ -215,7 +215,9 @@ def _attempt(build: Callable[[], Chunk]) -> Chunk | ChunkError:
 
 
 def warm() -> Warmth:
-    """Compile, or load from disk, every kernel that any chunk needs; then forget the oldest folders of compiled code.
+    """Compile, or load from disk, every kernel that chunks and edits need; then forget the oldest folders of compiled code.
+
+    Edits too, whatever was compiled before: else who digs first would wait for it, longer than an answer may take.
 
     Safe in many processes at once: one compiles, the others wait and load. Raises OSError if the cache folder cannot
     be written.
@@ -228,6 +230,7 @@ def warm() -> Warmth:
         for request in warm_requests():
             build_chunk(request)
         _build_edited()
+        _edit_once()
         compiled = _compiled() - before
         _forget_old_folders()
     return Warmth(SOURCES_DIGEST, compiled, time.perf_counter() - started)

@@ -231,6 +231,7 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setattr(worker, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(worker, "CACHE_DIR", tmp_path / "kernels-now")
     monkeypatch.setattr(worker, "build_chunk", lambda _request, edited=None: edited)
+    monkeypatch.setattr(worker, "_edit_once", lambda: None)
     monkeypatch.setattr(compiling, "compile_interpreter", lambda: None)
     monkeypatch.setattr(worker, "COMPILE_REST", (sys.executable, "-c", ""))
     return tmp_path
@@ -250,6 +251,16 @@ def test_warming_counts_what_it_compiled(cache, monkeypatch):
     assert len(edits) == 1
     assert warmth.sources == SOURCES_DIGEST
     monkeypatch.setattr(worker, "build_chunk", lambda _request, edited=None: edited)
+    assert worker.warm().compiled == 0
+
+
+def test_warming_compiles_what_edits_run_whatever_was_compiled_before(cache, monkeypatch):
+    """As by a command that builds chunks alone, or a first start that was broken off."""
+    now = cache / "kernels-now"
+    now.mkdir()
+    (now / "chunks.nbi").touch()
+    monkeypatch.setattr(worker, "_edit_once", (now / "edits.nbi").touch)
+    assert worker.warm().compiled == 1
     assert worker.warm().compiled == 0
 
 
