@@ -20,7 +20,20 @@ def test_a_recipe_is_edited(play: Play, server: Server):
     assert found["error"].startswith("Line 4. b")
     assert found["isInvalid"] == "true"
     assert found["after"] == ""
+    assert "Infinity" in found["infinite"]
+    assert "fault" not in found["infinite"]
     assert "recipe=plane" not in found["hash"]
+    assert "like=plane" in found["hash"], "it looks like what it was made of"
+
+
+def test_the_way_back(play: Play, server: Server):
+    found = play("wayBack", server)
+    assert found["typed"] == "seven", "who enters a seed is not interrupted"
+    assert "whole number" in found["refused"]
+    assert found["forgiven"] == ""
+    assert found["hash"].startswith("#recipe=sphere&seed=7")
+    assert found["seed"] == "1"
+    assert found["camera"]["position"] == [0, 40, 7]
 
 
 def test_a_link_to_no_world(play: Play, server: Server):

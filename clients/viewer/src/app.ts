@@ -21,7 +21,7 @@ import { Notice } from "./notice.js";
 import { Pulse } from "./pulse.js";
 import { Session } from "./session.js";
 import { startOf, type Start } from "./starts.js";
-import { serverUrl, type Source } from "./world.js";
+import { isOwn, serverUrl, type Source } from "./world.js";
 import { Worlds, type Page } from "./worlds.js";
 
 const RADIUS_MIN = 1;
@@ -32,6 +32,8 @@ const FIGURES_MS = 250;
 const LINK_MS = 700;
 /** Of the worker, each `FIGURES_MS` apart: half a minute. */
 const SILENT_LOOKS_MAX = 120;
+/** Recipes that somebody wrote of which it is known what they look like. */
+const LIKES_MAX = 64;
 /** How patient the client is: the page says what is wrong, and tries again by itself. */
 const RETRY = { attemptsMax: 3, secondsMax: 20, backoffSecondsMax: 1 };
 
@@ -54,6 +56,8 @@ export class App {
   private shownAt = -Infinity;
   private linkedAt = -Infinity;
   private before = performance.now();
+  /** By the digest of a recipe that somebody wrote, the one that it was made of: it looks like that. */
+  private readonly likes = new Map<string, string>();
   /** In which an own edit is on its way. */
   private striking: Session | null = null;
 
@@ -207,9 +211,33 @@ export class App {
   /** Shows another world. keepsPlace: from where the viewer is */
   private go(source: Source, keepsPlace: boolean): void {
     const { session, view } = this;
-    const elsewhere: Link = { source, position: null, ahead: null, isWalking: false, view };
-    const isHere = keepsPlace && session !== null;
-    void this.worlds.show(isHere ? { ...session.place, source } : elsewhere, isHere);
+    const recipe = source.kind === "seed" ? source.recipe : "";
+    if (keepsPlace && session !== null) {
+      const like = isOwn(recipe) && !isOwn(session.likeness) ? session.likeness : null;
+      void this.worlds.show({ ...session.place, source, like }, true);
+      return;
+    }
+    const link: Link = {
+      source,
+      like: this.likes.get(recipe) ?? null,
+      position: null,
+      ahead: null,
+      isWalking: false,
+      view,
+    };
+    this.leave(link);
+    void this.worlds.show(link);
+  }
+
+  /** The browser's button back leads to where the viewer is now. */
+  private leave(link: Link): void {
+    if (this.session !== null && !this.isOpening) {
+      if (isSame(link.source, this.worlds.source)) {
+        return;
+      }
+      history.replaceState(null, "", this.link());
+    }
+    history.pushState(null, "", writeLink(link));
   }
 
   private make(...[client, world, link, troubles]: Parameters<Page<Session>["make"]>): Session {
@@ -217,9 +245,20 @@ export class App {
       const { position, ahead } = startOf(name, shape);
       return { position: link.position ?? position, ahead: link.ahead ?? ahead };
     };
-    const session = new Session(this.renderer, client, world, start, innerHeight, troubles);
+    this.remember(world.recipe.name, link.like);
+    const session = new Session(this.renderer, client, world, link.like, start, innerHeight, troubles);
     session.setView(link.view);
     return session;
+  }
+
+  private remember(recipe: string, like: string | null): void {
+    if (like !== null) {
+      this.likes.delete(recipe);
+      this.likes.set(recipe, like);
+    }
+    if (this.likes.size > LIKES_MAX) {
+      this.likes.delete(this.likes.keys().next().value!);
+    }
   }
 
   private askForKey(entered: () => void, why: string): void {
@@ -251,14 +290,7 @@ export class App {
   }
 
   private link(): string {
-    const { pose, motion } = this.session!;
-    return writeLink({
-      source: this.worlds.source,
-      position: pose.position,
-      ahead: pose.ahead,
-      isWalking: motion.isWalking,
-      view: this.view,
-    });
+    return writeLink({ ...this.session!.place, source: this.worlds.source, view: this.view });
   }
 
   private frame(): void {

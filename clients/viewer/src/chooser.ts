@@ -18,6 +18,10 @@ export class Chooser {
   private readonly describes = element("describes", HTMLParagraphElement);
   private readonly editor: RecipeEditor;
   private readonly described = new Map<string, string>();
+  /** By digest, of recipes that have a name. */
+  private readonly names = new Map<string, string>();
+  /** Whether the seed that is in the field was entered since the last one was chosen. */
+  private isSeedTyped = false;
 
   /**
    * @param check makes a recipe known to the server, which may refuse it
@@ -27,7 +31,11 @@ export class Chooser {
     check: (tree: RecipeTree) => Promise<Recipe>,
     private readonly chosen: (source: Source, keepsPlace: boolean) => void,
   ) {
-    this.editor = new RecipeEditor(check, ({ digest }) => this.choose(digest, true));
+    this.editor = new RecipeEditor(check, ({ digest }) => this.choose(this.names.get(digest) ?? digest, true));
+    this.seed.addEventListener("input", () => {
+      this.isSeedTyped = true;
+      this.refuse(null);
+    });
     this.opens.addEventListener("click", () => this.toggle());
     this.panel.addEventListener("keydown", ({ key }) => {
       if (key === "Escape") {
@@ -42,6 +50,7 @@ export class Chooser {
     this.recipe.addEventListener("change", () => this.choose(this.recipe.value, false));
     element("chance", HTMLButtonElement).addEventListener("click", () => {
       this.seed.value = String(Math.floor(Math.random() * CHANCE_MAX));
+      this.isSeedTyped = false;
       this.choose(this.recipe.value, false);
     });
   }
@@ -49,7 +58,10 @@ export class Chooser {
   /** What there is to choose from, and what is chosen: nothing if no world is shown. */
   offer(recipes: readonly Recipe[], chosen: AnyWorld | null): void {
     this.recipe.replaceChildren(...recipes.map(({ name }) => new Option(titled(name), name)));
-    recipes.forEach(({ name, description }) => this.described.set(name, description));
+    for (const { name, digest, description } of recipes) {
+      this.described.set(name, description);
+      this.names.set(digest, name);
+    }
     if (chosen !== null) {
       this.show(chosen);
     } else {
@@ -64,7 +76,10 @@ export class Chooser {
       this.recipe.append(new Option(`Your own, ${name.slice(0, 8)}`, name));
     }
     this.recipe.value = name;
-    this.seed.value = String(world.seed);
+    if (!this.isSeedTyped) {
+      this.seed.value = String(world.seed); // else somebody is about to enter another one
+      this.refuse(null);
+    }
     this.describes.textContent = this.described.get(name) ?? "";
     this.editor.show(world.recipe);
     const title = `${this.recipe.selectedOptions[0]?.text ?? name}, seed ${world.seed}`;
@@ -74,11 +89,17 @@ export class Chooser {
 
   private choose(recipe: string, keepsPlace: boolean): void {
     const seed = seedOf(this.seed.value);
-    this.seed.setAttribute("aria-invalid", String(seed === null));
-    this.error.textContent = seed === null ? `A seed is a whole number from ${-SEED_MAX - 1n} to ${SEED_MAX}.` : "";
+    this.refuse(seed === null ? `A seed is a whole number from ${-SEED_MAX - 1n} to ${SEED_MAX}.` : null);
     if (seed !== null) {
+      this.isSeedTyped = false;
       this.chosen({ kind: "seed", seed, recipe }, keepsPlace);
     }
+  }
+
+  /** Says what is wrong with the seed; null is nothing. */
+  private refuse(why: string | null): void {
+    this.seed.setAttribute("aria-invalid", String(why !== null));
+    this.error.textContent = why;
   }
 
   open(): void {

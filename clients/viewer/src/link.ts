@@ -7,6 +7,8 @@ import { SEED_MAX, type Source } from "./world.js";
 
 export interface Link {
   readonly source: Source;
+  /** The recipe whose ground, sea and sky it has: of one that was made of it. null: its own */
+  readonly like: string | null;
   /** Where the viewer is, in voxels; null where the link does not say. */
   readonly position: Triple | null;
   readonly ahead: Triple | null;
@@ -27,6 +29,7 @@ const PLACES_OF_DIRECTION = 4;
 export function readLink(hash: string): Link {
   const given = new URLSearchParams(hash.replace(/^#/, ""));
   const [id, recipe, seed] = [given.get("world"), given.get("recipe"), given.get("seed")];
+  const like = ID.test(given.get("like") ?? "") ? given.get("like") : null;
   const source: Source =
     id !== null && ID.test(id)
       ? { kind: "world", id }
@@ -37,14 +40,15 @@ export function readLink(hash: string): Link {
         };
   const [position, ahead] = [triple(given.get("at")), triple(given.get("look"))];
   const view = VIEWS.find((each) => each === given.get("view")) ?? VIEWS[0]!;
-  return { source, position, ahead, isWalking: given.get("walk") === "1", view };
+  return { source, like, position, ahead, isWalking: given.get("walk") === "1", view };
 }
 
-export function writeLink({ source, position, ahead, isWalking, view }: Link): string {
+export function writeLink({ source, like, position, ahead, isWalking, view }: Link): string {
   const which = source.kind === "world" ? `world=${source.id}` : `recipe=${source.recipe}&seed=${source.seed}`;
+  const looks = like === null ? "" : `&like=${like}`;
   const at = position === null ? "" : `&at=${position.map((place) => decimal(place, PLACES)).join(",")}`;
   const look = ahead === null ? "" : `&look=${ahead.map((part) => decimal(part, PLACES_OF_DIRECTION)).join(",")}`;
-  return `#${which}${at}${look}${isWalking ? "&walk=1" : ""}${view === VIEWS[0] ? "" : `&view=${view}`}`;
+  return `#${which}${looks}${at}${look}${isWalking ? "&walk=1" : ""}${view === VIEWS[0] ? "" : `&view=${view}`}`;
 }
 
 /** A signed 64-bit integer; null for anything else. */

@@ -77,6 +77,8 @@ export class RecipeEditor {
     if (error instanceof BadRequest && typeof error.values["path"] === "string") {
       const { path, expected } = error.values;
       this.say(`${path || "At the root"}: ${String(expected ?? error.detail)}`, lineOf(text, path as string));
+    } else if (error instanceof RangeError) {
+      this.say(error.message, null); // nothing that can be sent: a number that is infinite
     } else {
       this.say(verdictOn(error).message, null);
       if (isOpen(error)) {

@@ -51,6 +51,8 @@ export class Session implements WorldShown<Session> {
   readonly motion: Motion;
   readonly terrain: Terrain;
   readonly following: Following;
+  /** The recipe whose ground, sea and sky it has. */
+  readonly likeness: string;
   triangles = 0;
   /** Whether nothing is fetched or heard any more. */
   isRetired = false;
@@ -68,18 +70,23 @@ export class Session implements WorldShown<Session> {
   /** Seconds for which the picture still changes. */
   private restless = RESTLESS_SECONDS;
 
-  /** @param screenPixels height of the picture; 0 of a page that is not shown yet */
+  /**
+   * @param like the recipe whose ground, sea and sky it has; null: its own
+   * @param screenPixels height of the picture; 0 of a page that is not shown yet
+   */
   constructor(
     renderer: WebGLRenderer,
     client: ChunkClient,
     world: AnyWorld,
+    private readonly like: string | null,
     start: (name: string, shape: ReturnType<typeof shapeOf>) => Start,
     screenPixels: number,
     troubles: Troubles,
   ) {
     const shape = shapeOf(world.recipe.expression);
     const extent = extentOf(world, shape);
-    const { position, ahead } = start(world.recipe.name, shape);
+    this.likeness = like ?? world.recipe.name;
+    const { position, ahead } = start(this.likeness, shape);
     this.pose = new Pose(shape, position, ahead);
     const within = (shape.centre === null ? 2 ** 40 - 2 ** 20 : extent.reach * 0.9) as number;
     this.motion = new Motion(this.pose, this.ground, world.voxelSize, within);
@@ -88,7 +95,7 @@ export class Session implements WorldShown<Session> {
     this.group.moveAnchor(position);
     this.far = 1.5 * extent.reach * world.voxelSize;
     this.look = new Look(renderer, this.scene, {
-      seedOrRecipeName: world.recipe.name,
+      seedOrRecipeName: this.likeness,
       voxelSize: world.voxelSize,
       isPlanet: shape.centre !== null,
       centre: shape.centre === null ? null : [...shape.centre],
@@ -251,8 +258,8 @@ export class Session implements WorldShown<Session> {
   }
 
   get place(): Omit<Link, "source"> {
-    const { pose, motion, view } = this;
-    return { position: pose.position, ahead: pose.ahead, isWalking: motion.isWalking, view };
+    const { like, pose, motion, view } = this;
+    return { like, position: pose.position, ahead: pose.ahead, isWalking: motion.isWalking, view };
   }
 
   resume(part: Part): void {

@@ -16,6 +16,9 @@ export type Source =
   | { readonly kind: "seed"; readonly seed: bigint; readonly recipe: string }
   | { readonly kind: "world"; readonly id: string };
 
+/** Whether a recipe is named by its digest: somebody has written it. */
+export const isOwn = (recipe: string): boolean => /^[0-9a-f]{32}$/.test(recipe);
+
 export const SEED_MAX = (1n << 63n) - 1n;
 const ID_MAX = 64;
 const DIGEST_SHOWN = 16;

@@ -36,6 +36,9 @@ export async function recipe({ url }, context) {
   await until(page, () => document.querySelector("#json-error").textContent !== "");
   const error = await page.textContent("#json-error");
   const isInvalid = await page.getAttribute("#json", "aria-invalid");
+  await page.fill("#json", '{"op": "constant", "value": 1e999}');
+  await until(page, () => !document.querySelector("#json-error").textContent.includes("known op"));
+  const infinite = await page.textContent("#json-error");
   const before = await counters(page);
   await page.fill("#json", '{"op": "min", "a": {"op": "y"}, "b": {"op": "sphere", "radius": 9}}');
   await until(
@@ -46,6 +49,7 @@ export async function recipe({ url }, context) {
   return {
     error,
     isInvalid,
+    infinite,
     after: await page.textContent("#json-error"),
     hash: await page.evaluate(() => location.hash),
   };
@@ -60,4 +64,32 @@ export async function absent({ url }, context) {
   await page.selectOption("#recipe", "plane");
   await settled(page);
   return { notice, choices, title: await page.title(), isHidden: await page.isHidden("#notice") };
+}
+
+/** Another world is chosen while a seed is entered; the browser's button leads back to the one before. */
+export async function wayBack({ url }, context) {
+  const page = await opened(context, url, "#recipe=plane&seed=1&at=0,40,7&look=0,-0.5,-0.9&view=normals");
+  const shows = (title) => until(page, (start) => document.title.startsWith(start), title);
+  await page.click("#show-world");
+  await page.selectOption("#recipe", "sphere");
+  await page.fill("#seed", "seven");
+  await shows("Sphere, seed 1");
+  const typed = await page.inputValue("#seed");
+  await page.press("#seed", "Enter");
+  const refused = await page.textContent("#seed-error");
+  await page.fill("#seed", "7");
+  const forgiven = await page.textContent("#seed-error");
+  await page.press("#seed", "Enter");
+  await shows("Sphere, seed 7");
+  const hash = await page.evaluate(() => location.hash);
+  await page.goBack();
+  await shows("Sphere, seed 1");
+  await page.goBack();
+  await shows("Plane, seed 1");
+  await settled(page);
+  const seed = await page.inputValue("#seed");
+  const there = await camera(page);
+  await page.goForward();
+  await shows("Sphere, seed 1");
+  return { typed, refused, forgiven, hash, seed, camera: there };
 }
