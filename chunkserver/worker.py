@@ -215,7 +215,7 @@ def _attempt(build: Callable[[], Chunk]) -> Chunk | ChunkError:
 
 
 def warm() -> Warmth:
-    """Compile, or load from disk, every kernel that chunks and edits need; then forget the oldest folders of compiled code.
+    """Compile, or load from disk, every kernel of chunks and edits; then forget the oldest folders of compiled code.
 
     Edits too, whatever was compiled before: else who digs first would wait for it, longer than an answer may take.
 
