@@ -145,7 +145,7 @@ def test_an_answer_that_does_not_end_is_counted():
 
 def test_bytes_after_an_answer_are_counted_when_they_come_late():
     with answering([HELLO, b"more"]) as server:
-        ledger = offered(server.url, at_rate(10), Limits(seconds=0.3, connections=1))
+        ledger = offered(server.url, at_rate(2), Limits(seconds=1.5, connections=1))
     assert ledger.statuses["200"] == 3
     assert ledger.statuses["extra-bytes"] >= 2
 
