@@ -89,7 +89,7 @@ def _tighten_cuts(cuts: _Ints, of: Brushes, boxes: _Ints, bricks: Bricks, bounds
     cut = of.part(cuts)
     corners, nearest = np.empty((2, 3, len(cuts) * PARTS)), np.empty(len(cuts) * PARTS)
     _write_parts(cut.shapes, cut.numbers, cut.boxes, _ALL, np.empty((3, SIDE)), corners, nearest)
-    lowest, highest = bounds(corners[0], corners[1])
+    lowest, highest = np.clip(bounds(corners[0], corners[1]), -_LIMIT, _LIMIT)  # as the field is
     cubes = met(np.zeros(len(cuts), np.int64), cut.boxes, BRICK_BITS)
     known = [(brick.low, brick.high) if brick else (0, 0) for brick in map(bricks.get, cubes.places())]
     which, near = len(boxes) - len(of.ops) + cuts, np.empty(len(boxes), np.int64)
@@ -163,9 +163,9 @@ def _tighten(
                 continue
             least, most = _between(known, grids[starts[n] :], box, part)
             if ops[n] == CARVE:
-                changes = (-nearest[i] - max(lowest[i], -_LIMIT)) * UNITS_PER_VOXEL >= least
+                changes = (-nearest[i] - lowest[i]) * UNITS_PER_VOXEL >= least
             else:
-                changes = (nearest[i] - min(highest[i], _LIMIT)) * UNITS_PER_VOXEL <= most
+                changes = (nearest[i] - highest[i]) * UNITS_PER_VOXEL <= most
             for other in range(count):
                 if changes:
                     break

@@ -15,7 +15,11 @@ from tests.strokes import bounds_of, field_of, no_bricks, random_stroke, small_a
 SEQUENCES = 400
 SEQUENCES_MIN = 8
 EDITS = 16
-MIDDLES = {"plane": [(0.0, 0.0, 0.0), (2.0**39, 0.0, -(2.0**39))], "sphere": [(0.0, 48.0, 0.0)]}
+MIDDLES = {
+    "plane": [(0.0, 0.0, 0.0), (2.0**39, 0.0, -(2.0**39)), (3.0, 1e5, 2.0), (3.0, -1e5, 2.0)],
+    "sphere": [(0.0, 48.0, 0.0), (2.0**39, 0.0, -(2.0**39))],
+}
+"""Near surfaces, and where the field is clamped."""
 SLOTS = 950
 """Room for three of the largest edits, which wait or are dropped; more are refused until some are folded."""
 
@@ -49,6 +53,23 @@ def test_boxes_outside_which_nothing_changes(world, rng, monkeypatch):
         plain = no_bricks(lods).apply(written, len(written), field)
         assert contents(history.bricks) == contents(plain)
     assert smaller > 0
+
+
+@pytest.mark.parametrize(("y", "first", "then"), [(-1e5, "carve", "fill"), (1e5, "fill", "carve")])
+def test_what_was_made_far_from_any_surface_can_be_undone(y, first, then):
+    """The field's bounds are far beyond what it is clamped to there."""
+    recipe, ball = WorldRecipe(7, builtin("plane")), {"shape": "sphere", "center": [1, y, 2], "radius": 6.0}
+    history = History(no_bricks(3), bounds_of(recipe), 32)
+    for revision, op in enumerate((first, then), 1):
+        taken = history.take(Edit.of([ball | {"op": op}]))
+        assert taken.stale
+        history.written(taken, revision)
+        fold(history, 1, field_of(recipe))
+    key = (0, 0, int(y) // 16, 0)
+    brick = history.bricks.get(key)
+    assert brick is not None
+    density = np.clip(y, -65536, 65536) + brick.deltas[int(y) % 16, 2, 1] / 1024
+    assert density == (6.0 if then == "carve" else -6.0)
 
 
 def edit_near(middle, rng: np.random.Generator) -> Edit:
