@@ -42,7 +42,7 @@ class ConnectionLimits:
     head_bytes_max: of the URL and the names and values of all header fields.
     head_fields_max: header fields of a request.
     body_bytes_max: of a request's body that are read at all, framing included, whoever reads them. What each resource
-        takes is less.
+        takes is less, edits with raw boxes too.
     pipelined_max: requests of one connection that wait behind the one being answered. Those are answered; what comes
         behind them is not, and the connection is closed.
     """
@@ -55,7 +55,7 @@ class ConnectionLimits:
     url_bytes_max: int = 8 << 10
     head_bytes_max: int = 32 << 10
     head_fields_max: int = 100
-    body_bytes_max: int = 1 << 20
+    body_bytes_max: int = 9 << 20
     pipelined_max: int = 16
 
     @property

@@ -1,6 +1,7 @@
 """Edits as a resource: one is appended to a world's log, and the log is read."""
 
 import json
+from contextlib import ExitStack
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
@@ -116,14 +117,17 @@ async def edit_world(
     key: IdempotencyKey = None,
 ) -> Response:
     """One edit: its strokes are applied as one. The answer comes when it is durable."""
+    if len(keys := request.headers.getlist("idempotency-key")) > 1:
+        raise BadParameter(f"Idempotency-Key is there {len(keys)} times; an edit has one")
     return await append(service, request, world, key)
 
 
 async def append(service: Service, request: Request, world: str, key: str | None) -> Response:
     """Return the answer, a `Written`, when the edit that is the request's body is durable."""
     found, edits = service.worlds.find(world), service.worlds.edits
-    with edits.counts.refusals():
-        edit = Edit.of(parsed(NewEdit, await json_body(request, BODY_BYTES_MAX)).strokes)
+    with edits.counts.refusals(), ExitStack() as held:
+        is_large = lambda: held.enter_context(service.bodies.large())  # noqa: E731
+        edit = Edit.of(parsed(NewEdit, await json_body(request, BODY_BYTES_MAX, is_large)).strokes)
         answer = await edits.take(found, edit, key)
     duplicate = b"true" if answer.duplicate else b"false"
     written = b'{"revision":"%d","duplicate":%b,"stale":%b}' % (answer.revision, duplicate, answer.stale)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from chunkserver.edits import Bricks
 from chunkserver.pipeline import Chunk, ChunkRequest
 from chunkserver.server.answers import Answers
+from chunkserver.server.body import Bodies
 from chunkserver.server.cache import ChunkCache
 from chunkserver.server.connections import Connections
 from chunkserver.server.cors import Cors
@@ -61,7 +62,7 @@ class Builder(Protocol):
 @dataclass(frozen=True, slots=True)
 class Service:
     """Workers, the chunks that they made, answers given before, posted recipes, worlds, errors of levels,
-    streams of edits; which pages may do what, tickets, connections and counts.
+    streams of edits; which pages may do what, tickets, connections, large bodies and counts.
     """
 
     pool: Builder
@@ -74,6 +75,7 @@ class Service:
     cors: Cors
     tickets: Tickets = field(default_factory=Tickets)
     connections: Connections = field(default_factory=Connections)
+    bodies: Bodies = field(default_factory=Bodies)
     requests: RequestCounts = field(default_factory=RequestCounts)
 
 

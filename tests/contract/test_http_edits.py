@@ -1,5 +1,6 @@
 """Edits over HTTP, asked of the real server: every chunk is as its edits have left it, also after restarts."""
 
+import base64
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
@@ -112,6 +113,19 @@ def test_what_is_far_from_any_surface_can_be_edited(world):
             assert chunk.content == body(bricks, key, 1)
             found += chunk.status_code == 200
     assert found > LODS
+
+
+def test_raw_boxes_of_any_size_that_is_allowed_can_be_posted(world):
+    """As JSON one of the largest has 1.4 MB, and an edit has 8 MiB."""
+    values = base64.b64encode(bytes([1, 0, 0, 0]) * 64**3).decode()
+    box = {"op": "delta", "min": [0, 0, 0], "size": [64, 64, 64], "values": values}
+    assert world.edit([box]).status_code == 200
+    assert world.edit([box] * 5).json()["revision"] == "2"
+    answer = world.edit([box] * 6)
+    assert (answer.status_code, answer.json()["bytes_max"]) == (413, 8 << 20)
+    keys = [("Idempotency-Key", "a"), ("Idempotency-Key", "b")]
+    answer = world.http.post(f"{world.url}/edits", json={"strokes": STROKES[0]}, headers=keys)
+    assert (answer.status_code, answer.json()["detail"]) == (422, "Idempotency-Key is there 2 times; an edit has one")
 
 
 def test_every_chunk_is_as_its_edits_have_left_it(world):

@@ -1,12 +1,13 @@
 import asyncio
 import tracemalloc
+from contextlib import ExitStack
 
 import pytest
 from starlette.requests import Request
 
-from chunkserver.errors import BadRequest
+from chunkserver.errors import BadRequest, Overloaded
 from chunkserver.server import body
-from chunkserver.server.body import json_body
+from chunkserver.server.body import LARGE_BODIES_MAX, Bodies, json_body
 from chunkserver.server.problems import BodyTooLarge, BodyTooSlow, NotJson
 
 JSON = (b"content-type", b"application/json")
@@ -21,7 +22,7 @@ def pieces(*parts, more=False):
     ]
 
 
-def read(messages, *headers, bytes_max=10):
+def read(messages, *headers, bytes_max=10, is_large=lambda: None):
     """Read a body that arrives as `messages`; return it, and how many of them were taken."""
     left = iter(messages)
     taken = 0
@@ -35,7 +36,7 @@ def read(messages, *headers, bytes_max=10):
         return message
 
     request = Request({"type": "http", "method": "POST", "headers": list(headers)}, receive)
-    return asyncio.run(asyncio.wait_for(json_body(request, bytes_max), SECONDS_MAX)), taken
+    return asyncio.run(asyncio.wait_for(json_body(request, bytes_max, is_large), SECONDS_MAX)), taken
 
 
 @pytest.mark.parametrize("parts", [(b"",), (b"0123456789",), (b"01234", b"56789"), (b"0", b"", b"123", b"")])
@@ -89,3 +90,22 @@ def test_a_body_that_does_not_end_in_time(monkeypatch):
 def test_a_client_that_leaves():
     with pytest.raises(BadRequest):
         read([*pieces(b"1", more=True), LEFT], JSON)
+
+
+@pytest.mark.parametrize(("parts", "times"), [((5, 5), 0), ((5, 6), 1), ((11,), 1), ((3, 9, 9, 9), 1)])
+def test_it_is_said_once_that_a_body_is_large(monkeypatch, parts, times):
+    monkeypatch.setattr(body, "LARGE_BYTES", 10)
+    told = []
+    assert read(pieces(*map(bytes, parts)), JSON, bytes_max=100, is_large=lambda: told.append(1))[1] == len(parts)
+    assert len(told) == times
+
+
+def test_so_many_large_bodies_are_held_and_no_more():
+    bodies = Bodies()
+    with ExitStack() as held:
+        for _ in range(LARGE_BODIES_MAX):
+            held.enter_context(bodies.large())
+        with pytest.raises(Overloaded, match="8 bodies of more than"), bodies.large():
+            pass
+    with bodies.large():
+        pass
