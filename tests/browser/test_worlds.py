@@ -1,5 +1,7 @@
 """Which world is shown, and from where."""
 
+import math
+
 import pytest
 
 from tests.browser.conftest import Play
@@ -42,3 +44,9 @@ def test_a_link_to_no_world(play: Play, server: Server):
     assert {"Planet", "Plane", "Terrain"} <= set(found["choices"])
     assert found["title"].startswith("Plane, seed ")
     assert found["isHidden"]
+
+
+def test_nobody_begins_in_rock(play: Play, server: Server):
+    found = play("buried", server)
+    assert math.dist(found["begun"], (0, 90, 44)) < 28
+    assert found["linked"] == [0, 80, 0]

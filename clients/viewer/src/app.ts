@@ -248,6 +248,7 @@ export class App {
     this.remember(world.recipe.name, link.like);
     const session = new Session(this.renderer, client, world, link.like, start, innerHeight, troubles);
     session.setView(link.view);
+    session.isPlaced = link.position !== null;
     return session;
   }
 

@@ -9,6 +9,7 @@ import { Ground, type Hit } from "./ground.js";
 import { Look, type View } from "./look/index.js";
 import type { Link } from "./link.js";
 import { Motion, type Wish } from "./motion.js";
+import { openPlace } from "./open_place.js";
 import { Pose } from "./pose.js";
 import type { Part } from "./recovery.js";
 import { shapeOf } from "./shape.js";
@@ -53,6 +54,8 @@ export class Session implements WorldShown<Session> {
   readonly following: Following;
   /** The recipe whose ground, sea and sky it has. */
   readonly likeness: string;
+  /** Whether the viewer is where they are to be: else they are taken out of rock, until all is there or they move. */
+  isPlaced = true;
   triangles = 0;
   /** Whether nothing is fetched or heard any more. */
   isRetired = false;
@@ -175,6 +178,9 @@ export class Session implements WorldShown<Session> {
   /** One frame. elapsed: seconds since the one before */
   frame(wish: Wish, elapsed: number): void {
     this.motion.move(wish, elapsed, this.terrain.covers(this.pose.position));
+    if (!this.isPlaced) {
+      this.leaveRock(wish);
+    }
     const { position, ahead, up } = this.pose;
     this.restyle(LINED_TRIANGLES);
     this.following.update();
@@ -192,6 +198,15 @@ export class Session implements WorldShown<Session> {
     camera.updateProjectionMatrix();
     camera.updateMatrixWorld();
     this.paint(elapsed);
+  }
+
+  private leaveRock({ onwards, right, up }: Wish): void {
+    const { ground, pose, terrain } = this;
+    const open = terrain.covers(pose.position) ? openPlace(ground, pose.position, pose.up) : null;
+    if (open !== null) {
+      pose.position = open;
+    }
+    this.isPlaced = (open === null && this.isSettled) || onwards !== 0 || right !== 0 || up !== 0;
   }
 
   /**

@@ -44,9 +44,14 @@ const BY_RECIPE: Readonly<Record<string, readonly [Triple, Triple]>> = {
     [0, 90, -150],
     [100, 60, 100],
   ],
+  // in the largest cave nearby; of another seed, the viewer is put into one
+  caves: [
+    [-16, -28, -4],
+    [-40, -32, -40],
+  ],
   ring: [
-    [0, 500, 1500],
-    [0, 0, 0],
+    [0, 420, 900],
+    [0, -20, -100],
   ],
   plane: [
     [0, 12, 0],

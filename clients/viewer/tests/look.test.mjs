@@ -179,3 +179,10 @@ test("levels suffice to see a large planet whole, and its coasts are finer than 
   assert.ok(large.errorPixels < small.errorPixels);
   assert.equal(extentOf(world, { centre: null, radius: null }).errorPixels, small.errorPixels);
 });
+
+test("a ring is level where it looks at its axis, and is seen from one end to the other", () => {
+  const ring = groundOf("ring");
+  assert.equal(definesOf(ring, false, "low").RING, 1);
+  assert.ok(!("RING" in definesOf(groundOf("terrain"), false, "low")));
+  assert.ok(ring.clear > 4 * 640);
+});

@@ -1,6 +1,6 @@
 /** Which world is shown: by a link, by a recipe's text. */
 
-import { camera, counters, noticed, opened, sentFor, settled, until } from "../page.mjs";
+import { camera, counters, frames, noticed, opened, sentFor, settled, until } from "../page.mjs";
 
 /** What the address says of a page is what another page makes of it. */
 export async function link({ url }, context) {
@@ -92,4 +92,22 @@ export async function wayBack({ url }, context) {
   await page.goForward();
   await shows("Sphere, seed 1");
   return { typed, refused, forgiven, hash, seed, camera: there };
+}
+
+/** A world that is rock where one begins: the viewer is put into its cave. A link that says where they are is right. */
+export async function buried({ url }, context) {
+  const sphere = { op: "sphere", center: [0, 90, 44], radius: 30 };
+  const posted = await fetch(`${url}/v1/recipes`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({ op: "multiply", a: sphere, b: -1 }),
+  });
+  const { digest } = await posted.json();
+  const page = await opened(context, url, `#recipe=${digest}&seed=1&view=normals`);
+  const begun = await camera(page);
+  await page.goto("about:blank");
+  await page.goto(`${url}/#recipe=${digest}&seed=1&at=0,80,0&view=normals`);
+  await settled(page);
+  await frames(page, 5);
+  return { begun: begun.position, linked: (await camera(page)).position };
 }

@@ -24,7 +24,7 @@ export interface GroundUniforms {
   anchorLeft: { value: Vector3 };
   /** The same modulo STREETS_PERIOD. */
   streetsLeft: { value: Vector3 };
-  /** The middle of a planet in the scene; of a flat world, its y is where height 0 is. Metres. */
+  /** The middle of a planet or a ring in the scene; of a flat world, its y is where height 0 is. Metres. */
   middle: { value: Vector3 };
   /** From where the ground is seen as hazy as the sky behind it, metres. */
   visibility: { value: number };
@@ -40,6 +40,7 @@ export function definesOf(ground: Ground, isPlanet: boolean, quality: Quality): 
     AIR_STEPS: quality === "high" ? 5 : 2,
     ...has("PLANET", isPlanet),
     ...has("CITY", ground.isCity),
+    ...has("RING", ground.isRing && !isPlanet),
     ...has("FINE", quality === "high"),
     ...has("SEA", ground.sea !== null),
     ...has("CLOUDS", isPlanet && ground.clouds !== null),
@@ -210,6 +211,9 @@ void main() {
   float rise = length(fromMiddle);
   vec3 up = fromMiddle / rise;
   float height = (rise - radius) / voxelSize;
+#elif defined(RING)
+  vec3 up = -normalize(vec3(place.x - middle.x, 0.0, place.z - middle.z));
+  float height = 0.0;
 #else
   vec3 up = vec3(0.0, 1.0, 0.0);
   float height = (place.y - middle.y) / voxelSize;
@@ -220,7 +224,10 @@ void main() {
   dy = dFdy(place);
   vec3 weights = sides(normal);
 #ifndef FINE
-  weights = step(vec3(max(weights.x, max(weights.y, weights.z))), weights);
+  // one side almost everywhere; two or three in a narrow band, or edges between them would be seen
+  vec3 faces = abs(normal);
+  weights = max(faces - max(faces.x, max(faces.y, faces.z)) + 0.06, 0.0);
+  weights /= weights.x + weights.y + weights.z;
 #endif
 
   // a texture is no longer seen where its period is a few pixels: what is left of it would only repeat

@@ -31,7 +31,7 @@ import { Globe } from "./globe.js";
 import { definesOf, groundMaterial, type GroundUniforms } from "./ground.js";
 import { fill, inTasks, noNoise, rockNoise, soilNoise, textureOf } from "./noise.js";
 import { Openness } from "./openness.js";
-import { groundOf } from "./palette.js";
+import { groundOf, type Ground } from "./palette.js";
 import { remainder } from "./period.js";
 import { qualityOf, type Quality } from "./quality.js";
 import { blow, type SeaUniforms } from "./sea.js";
@@ -86,6 +86,7 @@ export class Look {
   /** Resolves when the ground has its noise: the picture is another one then. */
   readonly isDetailed: Promise<void>;
   private view: View = "shaded";
+  private readonly ground: Ground;
   private readonly air: AirUniforms;
   private readonly sky: Sky;
   private readonly shadows: Shadows;
@@ -132,7 +133,7 @@ export class Look {
     renderer.toneMapping = ACESFilmicToneMapping;
     renderer.toneMappingExposure = 0.36;
     renderer.outputColorSpace = SRGBColorSpace;
-    const ground = groundOf(world.seedOrRecipeName);
+    const ground = (this.ground = groundOf(world.seedOrRecipeName));
     const radius = world.isPlanet && world.radius !== null ? world.radius * world.voxelSize : null;
     this.air = airUniforms(radius, ground.airless, ground.air);
     this.seaHeight = (ground.sea ?? 0) * world.voxelSize;
@@ -268,11 +269,9 @@ export class Look {
     this.own.anchorLeft.value.set(...remainder(anchor, voxelSize));
     this.own.streetsLeft.value.set(...remainder(anchor, voxelSize, STREETS_PERIOD * voxelSize));
     const [x, y, z] = anchor.map((voxel, axis) => ((centre?.[axis] ?? 0) - voxel) * voxelSize);
-    this.own.middle.value.set(isPlanet ? x! : 0, y!, isPlanet ? z! : 0);
-    this.air.airCentre.value.copy(this.own.middle.value);
-    if (!isPlanet) {
-      this.air.airCentre.value.y -= this.air.airShape.value[0];
-    }
+    const isRound = isPlanet || this.ground.isRing;
+    this.own.middle.value.set(isRound ? x! : 0, y!, isRound ? z! : 0);
+    this.air.airCentre.value.set(isPlanet ? x! : 0, isPlanet ? y! : y! - this.air.airShape.value[0], isPlanet ? z! : 0);
     const before = this.anchor ?? anchor;
     const by = new Vector3(...before.map((voxel, axis) => (voxel - anchor[axis]!) * voxelSize));
     if (this.anchor === null || by.lengthSq() > 0) {
@@ -304,7 +303,8 @@ export class Look {
       return VISIBILITY_FIRST;
     }
     const most = VISIBILITY_MOST + VISIBILITY_BY_HEIGHT * this.survey.nearest.distanceTo(camera.position);
-    return Math.max(Math.min(this.survey.reach, most), VISIBILITY_LEAST);
+    const least = Math.max(VISIBILITY_LEAST, this.ground.clear * this.world.voxelSize);
+    return Math.max(Math.min(this.survey.reach, most), least);
   }
 
   private placeSea(camera: PerspectiveCamera, seconds: number): void {

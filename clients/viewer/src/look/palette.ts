@@ -31,6 +31,10 @@ export interface Ground {
   readonly airless: boolean;
   /** Whether it is built: streets and windows. */
   readonly isCity: boolean;
+  /** Whether it is the inside of a ring around the y axis: what is level there looks at the axis. */
+  readonly isRing: boolean;
+  /** How far one sees through its air at least, where what is drawn ends because there is no more. Voxels. */
+  readonly clear: number;
   /** How high its sea stands; null if it has none. */
   readonly sea: number | null;
   /** Of a planet, how high its clouds are over the radius, in radii. */
@@ -59,6 +63,8 @@ const MEADOWS: Ground = {
   roughness: 1,
   airless: false,
   isCity: false,
+  isRing: false,
+  clear: 0,
   sea: null,
   clouds: null,
   air: [0.97, 0.045],
@@ -129,6 +135,7 @@ const GROUNDS: Readonly<Record<string, Ground>> = {
   canyon: DESERT,
   arches: DESERT,
   moon: MOON,
+  ring: { ...MEADOWS, lowBelow: -NEVER, snowAbove: NEVER, grassSlope: 0.7, isRing: true, clear: 6000 },
   city: CITY,
 };
 

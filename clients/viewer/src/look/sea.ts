@@ -163,7 +163,8 @@ vec3 drowned(vec3 under, vec3 direction, vec3 upHere, inout float far, float sha
   float tilt = (1.0 - lean * lean) / (lean * lean);
   float density = exp(-tilt / spread) / (3.14159 * spread * lean * lean * lean * lean);
   float mirror = 0.02 + 0.98 * pow(1.0 - max(dot(middle, sunDirection), 0.0), 5.0);
-  light += sun * min(mirror * density / (4.0 * max(facing, 0.12)), brightest) * smoothstep(0.0, 0.12, high);
+  float glitter = mirror * density / (4.0 * max(facing, 0.12));
+  light += sun * brightest * (1.0 - exp(-glitter / brightest)) * smoothstep(0.0, 0.12, high);
 
 #ifdef FINE
   // foam where waves run out
