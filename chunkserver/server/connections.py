@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final
 
+from chunkserver.server.share import Shares
+
 LOOK_SECONDS: Final = 1.0
 """Between two looks, at most: a deadline may pass by two of these before the connection is ended."""
 LOOKS_MIN: Final = 4
@@ -86,10 +88,12 @@ class Connections:
     """All connections of one server. Belongs to the event loop.
 
     ended: how many were ended by the server before their clients left, by why.
+    shares: of the event loop's time, for peers of streams.
     """
 
     def __init__(self, limits: ConnectionLimits = LIMITS_DEFAULT) -> None:
         self.limits = limits
+        self.shares = Shares()
         self.ended: dict[str, int] = {}
         self._open: Set[object] = frozenset()
         self._parting: set[Watched] = set()

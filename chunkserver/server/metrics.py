@@ -278,6 +278,12 @@ TABLE: Final = (
         lambda service: {(str(code),): count for code, count in service.streams.closed.items()},
         ("code",),
     ),
+    Row(
+        "chunkserver_stream_pauses_total",
+        "counter",
+        "Pauses in reading from a connection to a stream that had had its share of the event loop's time.",
+        _one(lambda of: of.connections.shares.pauses),
+    ),
     Row("chunkserver_bricks", "gauge", "Bricks of the open worlds.", _standing(lambda now: now.bricks)),
     Row("chunkserver_arena_slots", "gauge", "Bricks that are ready to be read.", _standing(lambda now: now.slots)),
     Row(

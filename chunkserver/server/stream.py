@@ -11,7 +11,8 @@ from chunkserver.server.access import scope_of
 from chunkserver.server.keys import Scope
 from chunkserver.server.problems import OriginRefused, refusal
 from chunkserver.server.service import Service
-from chunkserver.server.stream_protocol import ABORT, ENDED
+from chunkserver.server.share import Share
+from chunkserver.server.stream_protocol import ABORT, ENDED, SHARE
 from chunkserver.server.worlds import WORLD
 from chunkserver.stream import Connection, closing
 
@@ -91,6 +92,7 @@ class _Session:
                 raise each
 
     async def _read(self) -> None:
+        share: Share = self._websocket.scope["extensions"][SHARE]
         while True:
             while self.connection.is_paused:
                 self._can_read.clear()
@@ -99,7 +101,10 @@ class _Session:
             if message["type"] == "websocket.disconnect":
                 return
             text = message.get("text")
-            self.connection.received(message["bytes"] if text is None else text)
+            with share.used():
+                self.connection.received(message["bytes"] if text is None else text)
+            if rest_seconds := share.rest_seconds:
+                await asyncio.sleep(rest_seconds)
 
     async def _send(self) -> None:
         outbox = self.connection.outbox

@@ -22,12 +22,15 @@ from websockets.frames import CloseCode, Frame
 from websockets.http11 import Request
 
 from chunkserver.server.connections import Connections, Watched
+from chunkserver.server.share import Share
 from chunkserver.stream import closing, limits
 
 ABORT: Final = "chunkserver.abort"
 """Where the ASGI scope of a WebSocket has what ends the connection at once, with all that is not sent yet."""
 ENDED: Final = "chunkserver.ended"
 """Where it has what returns how the connection ended, as a `Close`, if the application has not closed it."""
+SHARE: Final = "chunkserver.share"
+"""Where it has the peer's `Share`: what the application does with its messages counts too."""
 PIECES_MAX: Final = 64
 """Frames that one message may come in."""
 PIECE_BYTES: Final = 2 << 10
@@ -37,7 +40,7 @@ MESSAGE_BYTES_MAX: Final = limits.FRAME_BYTES_MAX + 125
 UNREAD_BYTES_MAX: Final = 1 << 20
 """Of answers to pings, and others, that a peer has not read: with more, the connection ends."""
 KERNEL_BYTES: Final = 1 << 16
-"""Asked for what the kernel holds for a peer. It takes twice as much; without a word of ours, megabytes."""
+"""Asked for what the kernel holds for a peer, and of it. It takes twice as much; without a word of ours, megabytes."""
 FAULTS: Final = {each.code: each for each in (closing.NO_FRAME, closing.NOT_TEXT, closing.TOO_LARGE, closing.TOO_SLOW)}
 """What may be wrong with what comes."""
 TCP_INFO_BYTES: Final = 128
@@ -61,6 +64,7 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
         self._all = all_connections
+        self._share = Share(all_connections.shares)
         self._closing_looks = 0
         self._is_parting = False
         self._unparsed = b""
@@ -73,6 +77,7 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         super().connection_made(transport)
         held = transport.get_extra_info("socket")
         held.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BYTES)
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BYTES)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             held.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(limits.SEND_SECONDS * 1000))
 
@@ -81,14 +86,18 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         extensions: Any = self.scope["extensions"]
         extensions[ABORT] = self.transport.abort
         extensions[ENDED] = lambda: self._ended
+        extensions[SHARE] = self._share
         await super().run_asgi()
 
     def data_received(self, data: bytes) -> None:
-        """Take what has arrived: parse it, in pieces."""
+        """Take what has arrived: parse it, in pieces, as long as the peer's share is not spent."""
         if self._is_parting or self.transport.is_closing():
             return
         self._unparsed += data
-        if not self._is_due:
+        if self._share.rest_seconds:
+            self._hold()
+            self._parse_soon()
+        elif not self._is_due:
             self._parse()
 
     async def receive(self) -> Any:
@@ -130,7 +139,8 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         await self.writable.wait()
         if self.close_sent:
             raise ClientDisconnected
-        await super().send(message)
+        with self._share.used():
+            await super().send(message)  # it waits for nothing more
         if message["type"] == "websocket.accept":
             self._parse_soon()
         if message["type"] == "websocket.http.response.body" and not message.get("more_body", False):
@@ -209,9 +219,10 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
         is_opening = self.handshake_initiated and not self.handshake_complete
         if self._is_parting or is_opening or self.read_paused or self.transport.is_closing():
             return
-        piece, self._unparsed = self._unparsed[:PIECE_BYTES], self._unparsed[PIECE_BYTES:]
-        if piece:
-            super().data_received(piece)
+        with self._share.used():
+            piece, self._unparsed = self._unparsed[:PIECE_BYTES], self._unparsed[PIECE_BYTES:]
+            if piece:
+                super().data_received(piece)
         if self.transport.get_write_buffer_size() > UNREAD_BYTES_MAX:
             self._give_up()
         elif self._unparsed:
@@ -222,9 +233,10 @@ class StreamProtocol(WebSocketsSansIOProtocol, Watched):
             self.transport.resume_reading()
 
     def _parse_soon(self) -> None:
+        """Parse on when others had their turn: a long one, if the peer has had its share."""
         if not self._is_due:
             self._is_due = True
-            self.loop.call_soon(self._parse)
+            self.loop.call_later(self._share.rest_seconds, self._parse)
 
     def _hold(self) -> None:
         """Read no more for now."""

@@ -7,7 +7,8 @@ connection -> Journal -> Editing.take, the log
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Container, Coroutine
+from collections.abc import Callable, Container, Coroutine, Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 from weakref import WeakSet
 
@@ -138,8 +139,18 @@ class _Journal:
         self._do(connection, self._introduce(connection, client))
 
     def submit(self, connection: Connection, client: str, seq: int, strokes: list[Any]) -> None:
-        """Write an edit."""
-        self._do(connection, self._submit(connection, client, seq, strokes))
+        """Write an edit. One that is none is refused at once: so the sender's share pays for it."""
+        with _ending(connection):
+            try:
+                with self._editing.counts.refusals():
+                    if connection in self._readers:
+                        message = "to edit needs scope edit; this connection may only read"
+                        raise ScopeNeeded(message, scope=str(Scope.EDIT))
+                    edit = Edit.of(strokes)
+            except ChunkError as error:
+                _refuse(connection, seq, error)
+            else:
+                self._do(connection, self._submit(connection, client, seq, edit))
 
     def replay(self, connection: Connection, after: int) -> None:
         """Read the edits behind a revision, some at once."""
@@ -154,15 +165,12 @@ class _Journal:
         else:
             connection.introduced(mark, floor)
 
-    async def _submit(self, connection: Connection, client: str, seq: int, strokes: list[Any]) -> None:
+    async def _submit(self, connection: Connection, client: str, seq: int, edit: Edit) -> None:
         try:
             with self._editing.counts.refusals():
-                if connection in self._readers:
-                    raise ScopeNeeded("to edit needs scope edit; this connection may only read", scope=str(Scope.EDIT))
-                answer = await self._editing.take(self._world, Edit.of(strokes), client=client, seq=seq)
+                answer = await self._editing.take(self._world, edit, client=client, seq=seq)
         except ChunkError as error:
-            problem = problem_of(type(error))
-            connection.refused(seq, problem_body(problem, error.message, error.values))
+            _refuse(connection, seq, error)
         else:
             if answer.duplicate:
                 connection.repeated(seq, answer.revision, answer.stale)
@@ -186,12 +194,22 @@ class _Journal:
 
 
 async def _done(connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-    """Have something done for a connection. Whoever waits for what is never answered asks again on another one."""
-    try:
+    with _ending(connection):
         await work
+
+
+@contextmanager
+def _ending(connection: Connection) -> Iterator[None]:
+    """End a connection that something fails for. Whoever waits for what is never answered asks again on another one."""
+    try:
+        yield
     except Exception:  # noqa: BLE001 - whatever it was: without a word the peer would wait for ever
         _log.exception("a stream of edits ends")
         connection.close(closing.FAILED)
+
+
+def _refuse(connection: Connection, seq: int, error: ChunkError) -> None:
+    connection.refused(seq, problem_body(problem_of(type(error)), error.message, error.values))
 
 
 def _fail(connection: Connection, error: ChunkError) -> None:

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from typing import Final
 
+from chunkserver.server import share
 from chunkserver.server.stream_protocol import PIECES_MAX
 from chunkserver.stream import closing, limits
 from chunkserver_client.stream import messages, session
@@ -32,12 +33,15 @@ def test_the_page_has_the_limits():
         "ranges of an edit, of `stale`, of `ack`": str(limits.RANGES_MAX),
         "strokes of an edit": "1000",
         "bytes that wait for one connection": str(limits.QUEUE_BYTES_MAX),
+        "a peer's share of the server's time": f"{100 * share.OWN_SHARE:g}",
         "recent edits, kept for all": str(limits.RECENT_EDITS_MAX),
         "a catch-up": str(limits.REPLAYED_MAX),
         "until `hello`": f"{limits.HELLO_SECONDS:g}",
         "until something is taken": f"{limits.SEND_SECONDS:g}",
         "until a ping is answered": f"{limits.PONG_SECONDS:g}",
     }
+    assert f"and {1000 * share.BURST_SECONDS:g} ms at once" in PAGE
+    assert (share.REST, "five times as" in PAGE, "a fifth for all" in PAGE) == (5.0, True, True)
     assert messages.FRAME_BYTES_MAX == limits.FRAME_BYTES_MAX
     assert messages.REGIONS_MAX == limits.REGIONS_MAX
 
