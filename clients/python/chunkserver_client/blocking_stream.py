@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar
 
 from chunkserver_client.calls import Calls
 from chunkserver_client.descriptors import WorldDescriptor
-from chunkserver_client.edit_stream import Address, AsyncEditStream
+from chunkserver_client.edit_stream import CLOSE_SECONDS, Address, AsyncEditStream
 from chunkserver_client.edits import Stroke
 from chunkserver_client.mesh import ChunkKey
 from chunkserver_client.stream import Ack, Refresh, Region
@@ -34,6 +34,8 @@ class EditStream:
         self._stream = AsyncEditStream(address, calls, world, name, regions)
         self._loop: asyncio.AbstractEventLoop
         self._runs = threading.Event()
+        self._gate = threading.Lock()
+        self._is_open = False
         self._thread = threading.Thread(target=self._turn, name=f"edits of {world.id}", daemon=True)
 
     def __enter__(self) -> Self:
@@ -41,7 +43,9 @@ class EditStream:
         self._thread.start()
         self._runs.wait()
         try:
-            self._wait(self._stream.__aenter__())
+            opened = self._begun(self._stream.__aenter__())
+            if opened is not None:
+                _result(opened)
         except BaseException:
             self.close()
             raise
@@ -54,9 +58,9 @@ class EditStream:
 
     def close(self) -> None:
         """Leave, and forget the edits that were not answered: ask what `edit` returned for those that count."""
-        if self._thread.is_alive():
-            self._wait(self._stream.close())
-            self._loop.call_soon_threadsafe(self._loop.stop)
+        left = self._begun(self._leave(), is_last=True)
+        own = threading.current_thread() is self._thread  # in a callback of what `edit` has returned
+        if (left is not None or self._runs.is_set()) and not own:
             self._thread.join()
 
     @property
@@ -144,31 +148,65 @@ class EditStream:
         return self
 
     def __next__(self) -> Told:
+        found = self._begun(self._stream.__anext__())
+        if found is None:
+            raise StopIteration
         try:
-            return self._wait(self._stream.__anext__())
+            return _result(found)
         except (StopAsyncIteration, CancelledError):
             raise StopIteration from None
 
     def _turn(self) -> None:
         with asyncio.Runner() as runner:
             self._loop = runner.get_loop()
+            self._is_open = True
             self._runs.set()
             self._loop.run_forever()
 
+    async def _leave(self) -> None:
+        """Close, and stop the loop when all that it was asked for before has come to its end."""
+        try:
+            await self._stream.close()
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            if others:
+                await asyncio.wait(others, timeout=CLOSE_SECONDS)
+        finally:
+            self._loop.stop()
+
     def _do(self, call: Callable[[], _Value]) -> _Value:
+        """Return what a function returns on the loop; here, when that has stopped: nobody else is there then."""
+        if threading.current_thread() is self._thread:
+            return call()
+
         async def called() -> _Value:
             return call()
 
-        return self._wait(called())
+        found = self._begun(called())
+        if found is not None:
+            return _result(found)
+        self._thread.join()
+        with self._gate:
+            return call()
 
-    def _wait(self, work: Coroutine[Any, Any, _Value]) -> _Value:
-        """Return what a coroutine returns on the loop. Raises `ValueError` if that does not run."""
-        if not self._thread.is_alive() or self._loop.is_closed():
-            work.close()
+    def _begun(self, work: Coroutine[Any, Any, _Value], *, is_last: bool = False) -> Future[_Value] | None:
+        """Have a coroutine run on the loop; None if that takes no more. is_last: it takes no more after this.
+
+        Raises `ValueError` if it never ran.
+        """
+        with self._gate:
+            if self._is_open:
+                self._is_open = not is_last
+                return asyncio.run_coroutine_threadsafe(work, self._loop)
+        work.close()
+        if not self._runs.is_set() and not is_last:
             raise ValueError("the stream is not open")
-        found = asyncio.run_coroutine_threadsafe(work, self._loop)
-        try:
-            return found.result()
-        except BaseException:
-            found.cancel()
-            raise
+        return None
+
+
+def _result(found: Future[_Value]) -> _Value:
+    """Wait for what a coroutine returns. Who is interrupted meanwhile ends it."""
+    try:
+        return found.result()
+    except BaseException:
+        found.cancel()
+        raise
