@@ -128,9 +128,9 @@ export class Client {
     this.exchange = new Exchange(this.url, headers, retryOf(retry), new AnswerCache(cacheBytes), readSeconds, fetch);
   }
 
-  /** The pristine world of a seed: it needs no creation, and is the same for everybody. */
-  seed(seed: number | bigint, recipe = "terrain", { signal }: CallOptions = {}): Promise<SeedDescriptor> {
-    return this.json(got(["v1", "seeds", String(seed)], { recipe }), readSeed, signal);
+  /** The pristine world of a seed: it needs no creation, and is the same for everybody. From 2^53 on it is a bigint. */
+  async seed(seed: number | bigint, recipe = "terrain", { signal }: CallOptions = {}): Promise<SeedDescriptor> {
+    return this.json(got(["v1", "seeds", seedAsked(seed)], { recipe }), readSeed, signal);
   }
 
   /** A world, as it is by now. @throws {NotFound} and `Conflict` if another generator has created it */
@@ -156,7 +156,7 @@ export class Client {
   }
 
   /** Creates a world; the same one once more changes nothing. @throws {Conflict} if another one has the id */
-  createWorld(
+  async createWorld(
     id: string,
     seed: number | bigint,
     recipe: string | RecipeTree = "terrain",
@@ -164,7 +164,7 @@ export class Client {
   ): Promise<WorldDescriptor> {
     const { voxelSize: voxel_size, lods, chunkCells: chunk_cells } = options;
     return this.json(
-      posted("/v1/worlds", { id, seed: String(seed), recipe, voxel_size, lods, chunk_cells }),
+      posted("/v1/worlds", { id, seed: seedAsked(seed), recipe, voxel_size, lods, chunk_cells }),
       readWorld,
       undefined,
       200,
@@ -342,4 +342,12 @@ export class Client {
       signal,
     );
   }
+}
+
+/** @throws {RangeError} for a number that JavaScript has rounded, or may have: it would be another world */
+function seedAsked(seed: number | bigint): string {
+  if (typeof seed === "number" && !Number.isSafeInteger(seed)) {
+    throw new RangeError(`seed is ${seed}: a number has to be an integer below 2^53, what is larger a bigint`);
+  }
+  return String(seed);
 }

@@ -320,3 +320,14 @@ test("whoever leaves a batch early cancels it", async () => {
   }
   assert.ok(signals.at(-1)!.aborted);
 });
+
+test("a seed that JavaScript has rounded is refused: it would be another world", async () => {
+  const { client, asked } = counting();
+  for (const seed of [2 ** 53, -(2 ** 53), 1.5, NaN, Infinity]) {
+    await assert.rejects(client.seed(seed, "plane"), RangeError);
+    await assert.rejects(client.createWorld("rounded", seed, "plane"), RangeError);
+  }
+  assert.equal(asked.length, 0);
+  assert.equal((await client.seed(2n ** 63n - 1n, "plane")).seed, 2n ** 63n - 1n);
+  assert.equal((await client.seed(-(2 ** 53) + 1, "plane")).seed, -(2n ** 53n) + 1n);
+});
