@@ -5,12 +5,17 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Final
 
-from chunkserver.stream.limits import FRAME_BYTES_MAX
+import numpy as np
+from numpy.typing import NDArray
+
+from chunkserver.stream.limits import FRAME_BYTES_MAX, LODS_MAX
 from chunkserver.stream.ranges import bounded, read_ranges, written
 from chunkserver.stream.regions import Box, Regions
 
 HEAD_BYTES_MAX: Final = 256
 """What a message of edits has beside edits and ranges."""
+PAIRS_MAX: Final = 256
+"""Edits times regions that are looked at one by one, which is faster for few."""
 _NOWHERE: Final = Box((1 << 62, 1 << 62, 1 << 62), (-1 << 62, -1 << 62, -1 << 62))
 """It meets nothing, and joined with a box it is that box."""
 
@@ -66,6 +71,14 @@ class StreamEdit:
         return any(at <= lod and voxels.meets(box) for at, voxels in self._voxels)
 
     @cached_property
+    def corners(self) -> NDArray[np.int64]:
+        """(LODS_MAX, 2, 3) int64, voxels: of each level the low and the high corner of a box around all that it reaches
+        there and on finer ones.
+        """
+        found = np.array(self._bounds, np.int64)
+        return found[np.minimum(np.arange(LODS_MAX), len(found) - 1)]
+
+    @cached_property
     def _voxels(self) -> tuple[tuple[int, Box], ...]:
         return tuple((each.lod, each.voxels(self._cells)) for each in self.ranges)
 
@@ -79,6 +92,23 @@ class StreamEdit:
 
 
 StreamEdits = tuple[StreamEdit, ...]
+
+
+def edits_in(edits: StreamEdits, regions: Regions) -> StreamEdits:
+    """Return those of some edits that are in the regions: see `StreamEdit.is_in`.
+
+    Many are compared together: else who resumes with 64 regions 4096 edits back has all others wait for 130 ms.
+    """
+    if len(edits) * len(regions) <= PAIRS_MAX:
+        return tuple(edit for edit in edits if edit.is_in(regions))
+    bounds = np.stack([edit.corners for edit in edits])
+    near = np.zeros(len(edits), bool)
+    for lod in {region.lod for region in regions}:
+        boxes = np.array([region.box for region in regions if region.lod == lod], np.int64)
+        low, high = bounds[:, lod, 0, None], bounds[:, lod, 1, None]
+        meets = (low <= boxes[:, 1]) & (boxes[:, 0] <= high)
+        near |= np.any(np.all(meets, axis=2), axis=1)
+    return tuple(edits[at] for at in np.flatnonzero(near) if edits[at].is_in(regions))
 
 
 def length(pieces: Iterable[bytes]) -> int:

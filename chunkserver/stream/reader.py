@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from chunkserver.stream import answers
-from chunkserver.stream.edit import StreamEdit, StreamEdits
+from chunkserver.stream.edit import StreamEdit, StreamEdits, edits_in
 from chunkserver.stream.limits import BEHIND_SECONDS, PROGRESS_SECONDS, REPLAYED_MAX
 from chunkserver.stream.outbox import Outbox
 from chunkserver.stream.ranges import Range, bounded
@@ -106,8 +106,7 @@ class Reader:
             self.resync(floor, epoch)
         elif edits:
             assert edits[0].revision == self.scanned + 1, f"revision {edits[0].revision} follows {self.scanned}"
-            inside = tuple(edit for edit in edits if edit.is_in(self.regions))
-            self._tell(edits, inside)
+            self._tell(edits, edits_in(edits, self.regions))
         self.flush()
 
     def resync(self, floor: int, epoch: str) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from chunkserver.stream import answers, closing
 from chunkserver.stream.closing import Close
 from chunkserver.stream.connection import Connection, Journal
-from chunkserver.stream.edit import StreamEdit, StreamEdits
+from chunkserver.stream.edit import StreamEdit, StreamEdits, edits_in
 from chunkserver.stream.limits import REPLAYED_AT_ONCE_MAX
 from chunkserver.stream.recent import Recent
 from chunkserver.stream.regions import Regions
@@ -88,7 +88,7 @@ class Stream:
             some = self.recent.after(after, REPLAYED_AT_ONCE_MAX)
             if some is None:
                 return None
-            known = self._matching[after, regions] = some, tuple(edit for edit in some if edit.is_in(regions))
+            known = self._matching[after, regions] = some, edits_in(some, regions)
         return known
 
     def messages(self, after: int, edits: StreamEdits, revision: int) -> list[tuple[bytes, int]]:
