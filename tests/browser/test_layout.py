@@ -58,6 +58,19 @@ def test_everybody_can_use_it(play: Play, server: Server):
     assert found["focused"] == "show-help"
 
 
+@pytest.mark.parametrize("asked", [{"forcedColors": "active"}, {"contrast": "more"}], ids=["forced", "more"])
+def test_who_asks_for_contrast_has_it(play: Play, server: Server, asked: dict[str, str]):
+    found = play("colours", server, context=SMALL | asked)
+    assert found["chosen"]["behind"] != found["other"]["behind"]
+    assert found["pressed"]["behind"] != found["plain"]["behind"]
+    if "forcedColors" in asked:
+        assert found["chosen"]["behind"] == found["pressed"]["behind"] == found["selected"]["behind"]
+    else:
+        assert "rgba" not in found["panel"]["behind"], "nothing is seen through it"
+        quiet = [int(part) for part in found["other"]["text"].removeprefix("rgb(").removesuffix(")").split(",")]
+        assert min(quiet) > 220
+
+
 def test_nothing_moves_for_those_who_want_that(play: Play, server: Server):
     assert 0 not in play("calm", server, context=SMALL, motion="no-preference", tries=12)["drawn"], (
         "1.5 s are 75 frames"

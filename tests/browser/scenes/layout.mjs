@@ -125,6 +125,29 @@ function contrastsOf() {
   return found;
 }
 
+/** Colours of what people look for who have asked for others: behind text, around it, and of it. */
+export async function colours({ url }, context) {
+  const page = await opened(context, url, "#recipe=plane&seed=1&view=normals");
+  await page.click("#walk");
+  return page.evaluate(() => {
+    const of = (selector) => {
+      const { backgroundColor, borderTopColor, color } = getComputedStyle(document.querySelector(selector));
+      return { behind: backgroundColor, edge: borderTopColor, text: color };
+    };
+    const probe = document.body.appendChild(document.createElement("p"));
+    probe.id = "probe";
+    probe.style = "forced-color-adjust: none; background: Highlight";
+    return {
+      selected: of("#probe"),
+      chosen: of("#views input:checked + span"),
+      other: of("#views input:not(:checked) + span"),
+      pressed: of("#walk"),
+      plain: of("#chance"),
+      panel: of("#share"),
+    };
+  });
+}
+
 /** On a machine that has a frame each 20 ms: how many of ten are drawn, until none is. motion: what is preferred */
 export async function calm({ url, motion, tries }, context) {
   await context.addInitScript(watch);
