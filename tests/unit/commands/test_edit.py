@@ -159,6 +159,8 @@ def test_many_edits_are_folded_on_the_way(folder, monkeypatch):
         folded.append(len(edits))
         return apply(bricks, edits, *given)
 
+    for warming in ("make_ready", "warm_edits"):  # which edits a world of its own
+        monkeypatch.setattr(f"chunkserver.commands.edit.{warming}", lambda: None)
     monkeypatch.setattr(Bricks, "apply", counted)
     edit(folder, piped="\n".join(text(ball(x, 0)) for x in range(150)))
     assert folded == [64, 64]
