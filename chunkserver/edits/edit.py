@@ -105,8 +105,9 @@ def _stroke(path: str, value: object) -> Stroke:
         first = error.errors(include_url=False, include_context=False)[0]
     said = first["msg"].removeprefix("Input ").removeprefix("Value error, ")
     where = ".".join((path, *map(str, first["loc"])))
-    whole = first["type"] == "value_error" and not first["loc"]
-    raise _bad(where, _EXPECTED.get(first["type"], said), "" if whole else first["input"])
+    if first["type"] == "value_error" and not first["loc"]:  # of the stroke as a whole, which is too much to print
+        raise BadStroke.at(where, said)
+    raise _bad(where, _EXPECTED.get(first["type"], said), first["input"])
 
 
 def _bad(path: str, expected: str, value: Any) -> BadStroke:

@@ -219,6 +219,9 @@ class History:
     def _check_room(self, taken: Taken) -> None:
         arena = self.bricks.arena
         wanted, free = ROOM_FACTOR * taken.bricks, self._free()
+        if wanted > len(arena.deltas):
+            message = f"to work the edit out takes room for {wanted} bricks; there is never more room than for"
+            raise StoreFull(f"{message} {len(arena.deltas)}", bricks=wanted, slots=len(arena.deltas))
         if wanted > free and self._waiting.bricks:
             self._waiting.count()
             self._reserve(0)

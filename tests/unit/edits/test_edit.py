@@ -66,6 +66,7 @@ def test_what_is_refused_is_named(what):
         Edit.of([BALL, stroke])
     assert refused.value.values["path"] == f"strokes.1.{path}".rstrip(".")
     assert said in str(refused.value)
+    assert "it is ''" not in str(refused.value), "a whole stroke is not printed"
     assert len(str(refused.value)) < 300
 
 
