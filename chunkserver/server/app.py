@@ -97,6 +97,7 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
     pool = pool or Pool(settings.workers, settings.pool_limits)
     arena = Arena(pool.arena, settings.edit_bytes)
     kept = WorldStore(store, settings.answer_seconds, arena, settings.log_edits)
+    connections = Connections(settings.connection_limits)
     app.state.service = Service(
         pool,
         cache,
@@ -104,9 +105,9 @@ def create_app(settings: Settings, pool: Builder | None = None) -> Application:
         PostedRecipes(),
         kept,
         GeometricErrors(pool),
-        Streams(kept.edits, store),
+        Streams(kept.edits, store, connections.shares),
         cors,
-        connections=Connections(settings.connection_limits),
+        connections=connections,
     )
     for room in (viewer, landing, health, metrics, recipes, worlds, edits, stream, ticket, world_chunks, seeds, batch):
         app.include_router(room.router)

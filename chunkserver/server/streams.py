@@ -17,6 +17,8 @@ from chunkserver.errors import BadParameter, ChunkError, WorldGone
 from chunkserver.server.editing import Editing
 from chunkserver.server.keys import Scope
 from chunkserver.server.problems import ScopeNeeded, problem_body, problem_of
+from chunkserver.server.replays import Replays
+from chunkserver.server.share import Shares
 from chunkserver.store import Draft, Store
 from chunkserver.stream import Connection, Stream, StreamEdit, closing, limits
 from chunkserver.world import World
@@ -30,10 +32,11 @@ class Streams:
     opened: how many connections there have been. closed: how many of them ended, by the code.
     """
 
-    def __init__(self, editing: Editing, store: Store) -> None:
+    def __init__(self, editing: Editing, store: Store, shares: Shares | None = None) -> None:
+        """shares: of the event loop's time, that those who resume have part in."""
         self.opened = 0
         self.closed: dict[int, int] = {}
-        self._editing, self._store = editing, store
+        self._editing, self._store, self._shares = editing, store, shares or Shares()
         self._streams: dict[str, tuple[World, Stream]] = {}
         self._readers: WeakSet[Connection] = WeakSet()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -53,7 +56,7 @@ class Streams:
         await self._editing.open(world)
         found = self._streams.get(world.epoch)
         if found is None:
-            journal = _Journal(world, self._editing, self._store, self._readers, self._do)
+            journal = _Journal(world, self._editing, self._store, self._readers, self._do, self._shares)
             stream = Stream(world.epoch, self._editing.revision(world), journal, time.monotonic)
             found = self._streams[world.epoch] = world, stream
         self.opened += 1
@@ -130,9 +133,11 @@ class _Journal:
         store: Store,
         readers: Container[Connection],
         do: Callable[[Connection, Coroutine[Any, Any, None]], None],
+        shares: Shares,
     ) -> None:
         """readers: connections that may not edit. do: runs something for a connection in a task."""
         self._world, self._editing, self._log, self._readers, self._do = world, editing, store.log, readers, do
+        self._replays = Replays(world, store.log, shares)
 
     def introduce(self, connection: Connection, client: str) -> None:
         """Look up the client's highest seq, and the floor."""
@@ -176,21 +181,19 @@ class _Journal:
                 connection.repeated(seq, answer.revision, answer.stale)
 
     async def _replay(self, connection: Connection, after: int) -> None:
-        epoch, log, cells = self._world.epoch, self._log, self._world.chunk_cells
+        epoch, log = self._world.epoch, self._log
         try:
-            floor = await asyncio.to_thread(log.floor, epoch)
             try:
-                found = await asyncio.to_thread(log.read, epoch, after, limits.REPLAYED_AT_ONCE_MAX)
+                found = await self._replays.after(after)
             except BadParameter:
                 connection.compacted(await asyncio.to_thread(log.floor, epoch))
                 return
+            floor = await asyncio.to_thread(log.floor, epoch)
         except ChunkError as error:
             _fail(connection, error)
         else:
-            connection.replayed(
-                [StreamEdit(each.revision, each.strokes, each.stale, cells, each.client, each.seq) for each in found],
-                floor,
-            )
+            with self._replays.share.used():
+                connection.replayed(found, floor)
 
 
 async def _done(connection: Connection, work: Coroutine[Any, Any, None]) -> None:
