@@ -19,7 +19,8 @@ def test_a_link_restores_world_and_camera(play: Play, server: Server):
 
 def test_a_recipe_is_edited(play: Play, server: Server):
     found = play("recipe", server)
-    assert found["error"].startswith("Line 4. b")
+    assert found["error"].startswith("Line 4. b: should have a known op")
+    assert found["error"].endswith("'detail'"), "all ops that there are"
     assert found["isInvalid"] == "true"
     assert found["after"] == ""
     assert "Infinity" in found["infinite"]

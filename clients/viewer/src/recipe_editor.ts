@@ -75,8 +75,8 @@ export class RecipeEditor {
 
   private refuse(text: string, error: unknown): void {
     if (error instanceof BadRequest && typeof error.values["path"] === "string") {
-      const { path, expected } = error.values;
-      this.say(`${path || "At the root"}: ${String(expected ?? error.detail)}`, lineOf(text, path as string));
+      const path = error.values["path"];
+      this.say(`${path || "At the root"}: ${expectedOf(error)}`, lineOf(text, path));
     } else if (error instanceof RangeError) {
       this.say(error.message, null); // nothing that can be sent: a number that is infinite
     } else {
@@ -98,4 +98,11 @@ export class RecipeEditor {
     this.mark.hidden = this.line === null;
     this.mark.style.top = `${PADDING_PIXELS + (this.line ?? 0) * LINE_PIXELS - this.text.scrollTop}px`;
   }
+}
+
+/** What should be there, as a whole: a server cuts off what is long in a value, but not in the detail that has it too. */
+function expectedOf({ detail, values }: BadRequest): string {
+  const expected = String(values["expected"] ?? detail);
+  const at = detail.indexOf(expected);
+  return at < 0 ? expected : detail.slice(at);
 }
