@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from typing import Final
 
 OWN_SHARE: Final = 0.02
-"""Of the loop's time, for each peer. 20 edits and 20 changes of 4 regions a second had no pause, on two cores with a load
-of ten; 100 edits a second had 4 short ones there."""
+"""Of the loop's time, for each peer. On two cores with a load of ten, 20 edits and 20 changes of 4 regions a second had
+no pause, and 100 edits a second had 4 short ones."""
 BURST_SECONDS: Final = 0.05
 """Of the loop's time, for a peer at once."""
 REST: Final = 5.0
