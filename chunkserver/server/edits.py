@@ -20,6 +20,9 @@ from chunkserver.server.worlds import REVISION_PATTERN, WORLD
 EDITS: Final = f"{WORLD}/edits"
 BODY_BYTES_MAX: Final = 8 << 20
 """Of a POST: some of the largest raw boxes."""
+PUNCTUATION_MAX: Final = 1 << 16
+"""Brackets, braces and commas of a body: more than twice those of the most strokes. A million of them keep the event
+loop for seconds."""
 EDITS_DEFAULT: Final = 100
 EDITS_MAX: Final = 1000
 """Of one answer."""
@@ -127,11 +130,19 @@ async def append(service: Service, request: Request, world: str, key: str | None
     found, edits = service.worlds.find(world), service.worlds.edits
     with edits.counts.refusals(), ExitStack() as held:
         is_large = lambda: held.enter_context(service.bodies.large())  # noqa: E731
-        edit = Edit.of(parsed(NewEdit, await json_body(request, BODY_BYTES_MAX, is_large)).strokes)
+        edit = Edit.of(_strokes(await json_body(request, BODY_BYTES_MAX, is_large)))
         answer = await edits.take(found, edit, key)
     duplicate = b"true" if answer.duplicate else b"false"
     written = b'{"revision":"%d","duplicate":%b,"stale":%b}' % (answer.revision, duplicate, answer.stale)
     return Response(written, media_type=JSON_MEDIA_TYPE)
+
+
+def _strokes(body: bytes) -> list[JsonValue]:
+    found = sum(map(body.count, (b"[", b"{", b",")))
+    if found > PUNCTUATION_MAX:
+        expected = f"the body has {found} brackets, braces and commas; the limit is {PUNCTUATION_MAX}"
+        raise BadStroke.at("strokes", expected, punctuation=found)
+    return parsed(NewEdit, body).strokes
 
 
 @router.api_route(

@@ -2,6 +2,7 @@
 
 import base64
 import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from typing import Any
@@ -19,6 +20,7 @@ from chunkserver.wire import Encoding
 from tests.serving import serving
 
 SECONDS_MAX = 60.0
+JSON = {"Content-Type": "application/json"}
 CELLS, LODS = 16, 3
 RECIPE = WorldRecipe(7, builtin("terrain"))
 WORLD = {"id": "w", "seed": "7", "recipe": "terrain", "chunk_cells": CELLS, "lods": LODS}
@@ -123,6 +125,10 @@ def test_raw_boxes_of_any_size_that_is_allowed_can_be_posted(world):
     assert world.edit([box] * 5).json()["revision"] == "2"
     answer = world.edit([box] * 6)
     assert (answer.status_code, answer.json()["bytes_max"]) == (413, 8 << 20)
+    begun = time.perf_counter()
+    answer = world.http.post(f"{world.url}/edits", content=b'{"strokes":[%b[]]}' % (b"[]," * 2_700_000), headers=JSON)
+    assert (answer.status_code, answer.json()["punctuation"]) == (422, 5_400_003)
+    assert time.perf_counter() - begun < 2.0, "the event loop is not kept"
     keys = [("Idempotency-Key", "a"), ("Idempotency-Key", "b")]
     answer = world.http.post(f"{world.url}/edits", json={"strokes": STROKES[0]}, headers=keys)
     assert (answer.status_code, answer.json()["detail"]) == (422, "Idempotency-Key is there 2 times; an edit has one")
