@@ -66,7 +66,7 @@ export class Ground {
     let found: Triple | null = null;
     let deepest = 0;
     for (const body of this.bodies.values()) {
-      if (centre.some((at, axis) => at + radius < body.low[axis]! || at - radius > body.high[axis]!)) {
+      if (isApart(body, centre, radius)) {
         continue;
       }
       const out = binsOf(body).push(onLattice(body, centre), radius / body.unit);
@@ -84,13 +84,12 @@ export class Ground {
   /** A distance in voxels within which there is no ground; 0 within the bounds of a chunk. */
   clearance(point: Triple): number {
     let least = Infinity;
+    const [x, y, z] = point;
     for (const { low, high } of this.bodies.values()) {
-      let square = 0;
-      for (let axis = 0; axis < 3; axis++) {
-        const gap = Math.max(low[axis]! - point[axis]!, point[axis]! - high[axis]!, 0);
-        square += gap * gap;
-      }
-      least = Math.min(least, square);
+      const dx = Math.max(low[0] - x, x - high[0], 0);
+      const dy = Math.max(low[1] - y, y - high[1], 0);
+      const dz = Math.max(low[2] - z, z - high[2], 0);
+      least = Math.min(least, dx * dx + dy * dy + dz * dz);
     }
     return Math.sqrt(least);
   }
@@ -106,9 +105,20 @@ function onLattice({ mesh, unit }: Body, point: Triple): Triple {
   return [x + LOW, y + LOW, z + LOW];
 }
 
+/** Whether a ball is outside a body's bounds. */
+function isApart({ low, high }: Body, centre: Triple, radius: number): boolean {
+  for (let axis = 0; axis < 3; axis++) {
+    if (centre[axis]! + radius < low[axis]! || centre[axis]! - radius > high[axis]!) {
+      return true;
+    }
+  }
+  return false;
+}
+
 /** Where a ray enters a body's bounds; null if it does not. */
 function entry({ low, high }: Body, origin: Triple, direction: Triple, longest: number): number | null {
-  let [enter, leave] = [0, longest];
+  let enter = 0;
+  let leave = longest;
   for (let axis = 0; axis < 3; axis++) {
     if (direction[axis] === 0) {
       if (origin[axis]! < low[axis]! || origin[axis]! > high[axis]!) {

@@ -2,9 +2,10 @@
 
 import { type AnyWorld, type Stroke, type ChunkClient, type Triple } from "chunkserver-client";
 import { ChunkGroup, ChunkObject } from "chunkserver-client/three";
-import { PerspectiveCamera, Scene, Vector3, type Vector3Tuple, type WebGLRenderer } from "three";
+import { Matrix4, PerspectiveCamera, Scene, Vector3, type Vector3Tuple, type WebGLRenderer } from "three";
 
 import { Following } from "./following.js";
+import { free } from "./freeing.js";
 import { Ground, type Hit } from "./ground.js";
 import { Look, type View } from "./look/index.js";
 import type { Link } from "./link.js";
@@ -67,7 +68,8 @@ export class Session implements WorldShown<Session> {
   private unstyled: ChunkObject[] = [];
   private readonly far: number;
   private view: View = "shaded";
-  private seen = "";
+  /** The camera of the frame before. */
+  private readonly seen = { place: new Matrix4(), projection: new Matrix4() };
   /** Seconds a frame, about. */
   private pace = 0;
   /** Seconds for which the picture still changes. */
@@ -215,9 +217,10 @@ export class Session implements WorldShown<Session> {
    */
   private paint(elapsed: number): void {
     const { camera } = this;
-    const seen = [...camera.matrixWorld.elements, ...camera.projectionMatrix.elements].join();
-    if (seen !== this.seen) {
-      this.seen = seen;
+    const { place, projection } = this.seen;
+    if (!place.equals(camera.matrixWorld) || !projection.equals(camera.projectionMatrix)) {
+      place.copy(camera.matrixWorld);
+      projection.copy(camera.projectionMatrix);
       this.restless = RESTLESS_SECONDS;
     }
     const isResting = this.restless <= 0 && (CALM.matches || this.pace > SLOW_SECONDS);
@@ -319,6 +322,7 @@ export class Session implements WorldShown<Session> {
       const { positions, normals, indices } = object.chunk;
       this.triangles -= indices.length / 3;
       this.bytes -= positions.byteLength + normals.byteLength + indices.byteLength;
+      free(object.chunk);
     }
   }
 }

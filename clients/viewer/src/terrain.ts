@@ -22,7 +22,9 @@ import {
   type ViewOptions,
 } from "chunkserver-client";
 
-import { Fetching, type Named } from "./fetching.js";
+import { Fetching } from "./fetching.js";
+import { free } from "./freeing.js";
+import { byDistance, isIn } from "./places.js";
 
 /** How much coarser the first worlds are that are shown: a whole one comes soon. */
 const STAGES: readonly number[] = [16, 4, 1];
@@ -225,9 +227,9 @@ export class Terrain {
         this.isChanged = true;
       }
     }
-    for (const [name, { key }] of this.ready) {
-      if (isOld(key)) {
-        this.ready.delete(name);
+    for (const [name, mesh] of this.ready) {
+      if (isOld(mesh.key)) {
+        this.drop(name, mesh);
         this.isChanged = true;
       }
     }
@@ -285,6 +287,7 @@ export class Terrain {
   private *plan(position: Triple): Generator<undefined, void, undefined> {
     this.isChanged = false;
     const found = yield* swapsInParts(this.marked(), this.selection!.chunks);
+    yield;
     this.steps = found.map(({ old, new: fresh }) => this.step(old, fresh));
     this.stepOf.clear();
     for (const step of this.steps) {
@@ -292,15 +295,21 @@ export class Terrain {
         this.stepOf.set(name, step);
       }
     }
-    for (const name of this.ready.keys()) {
+    for (const [name, mesh] of this.ready) {
       if (!this.stepOf.has(name)) {
-        this.ready.delete(name);
+        this.drop(name, mesh);
       }
     }
     yield;
+    const wanted = byDistance(
+      this.steps.map(({ fresh }) => fresh),
+      position,
+      this.chunkCells,
+    );
+    yield;
     if (!this.isStopped) {
-      const missing = this.steps.flatMap((step) => [...step.fresh].filter(([name]) => !this.ready.has(name)));
-      this.fetching.want(byDistance(missing, position, this.chunkCells), position);
+      const missing = wanted.filter(([name]) => !this.ready.has(name));
+      this.fetching.want(missing, position);
     }
   }
 
@@ -316,7 +325,8 @@ export class Terrain {
     for (const name of fresh.keys()) {
       missing += this.ready.has(name) ? 0 : 1;
     }
-    return { old: Array.from(old.values(), chunkName), fresh, missing };
+    const names = this.stale.size === 0 ? [...old.keys()] : Array.from(old.values(), chunkName);
+    return { old: names, fresh, missing };
   }
 
   /** Does the steps whose chunks have all come, until enough is drawn for one frame: the first of them is done anyway. */
@@ -355,6 +365,12 @@ export class Terrain {
     return bytes;
   }
 
+  /** Takes away what has come and is not drawn. */
+  private drop(name: string, mesh: ChunkMesh): void {
+    this.ready.delete(name);
+    free(mesh);
+  }
+
   private remove(name: string): void {
     if (this.drawn.delete(name)) {
       this.stale.delete(name);
@@ -366,6 +382,7 @@ export class Terrain {
     const name = chunkName({ ...mesh.key, coarser: mesh.coarser });
     const step = this.stepOf.get(name);
     if (step === undefined || this.ready.has(name) || this.isStopped) {
+      free(mesh);
       return;
     }
     this.ready.set(name, mesh);
@@ -377,22 +394,4 @@ export class Terrain {
 function stagesOf(shown: ConstructorParameters<typeof LevelOfDetail>[0], options: ViewOptions): LevelOfDetail[] {
   const { errorPixels = 4 } = options;
   return STAGES.map((times) => new LevelOfDetail(shown, { ...options, errorPixels: errorPixels * times }));
-}
-
-/** The nearest first, of two that are as near the coarser. */
-function byDistance(chunks: readonly Named[], [x, y, z]: Triple, cells: number): Named[] {
-  const gap = (at: number, low: number, side: number) => Math.max(low - at, at - low - side, 0);
-  const rows = chunks.map((named) => {
-    const [, chunk] = named;
-    const side = cells * 2 ** chunk.lod;
-    const away = Math.hypot(gap(x, chunk.x * side, side), gap(y, chunk.y * side, side), gap(z, chunk.z * side, side));
-    return { named, away, lod: chunk.lod };
-  });
-  rows.sort((one, other) => one.away - other.away || other.lod - one.lod);
-  return rows.map(({ named }) => named);
-}
-
-function isIn(point: Triple, chunk: FittedChunk, cells: number): boolean {
-  const side = cells * 2 ** chunk.lod;
-  return [chunk.x, chunk.y, chunk.z].every((place, axis) => Math.floor(point[axis]! / side) === place);
 }

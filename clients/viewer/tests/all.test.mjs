@@ -1,5 +1,6 @@
 import "./bins.test.mjs";
 import "./following.test.mjs";
+import "./frame.test.mjs";
 import "./look.test.mjs";
 import "./notice.test.mjs";
 import "./open_place.test.mjs";

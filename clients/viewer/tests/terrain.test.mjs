@@ -7,9 +7,16 @@ const WORLD = { kind: "seed", chunkCells: 32, lods: 4, low: [-4096, -4096, -4096
 const ERRORS = [0.25, 0.5, 1, 2];
 const NOWHERE_SOON = [0, 0, 0];
 
+function freed() {
+  this.byteLength = 0;
+}
+
+const isFree = ({ positions }) => positions.buffer.byteLength === 0;
+
 /** What a mesh holds, of so many bytes each. */
 function arraysOf(byteLength) {
-  return { positions: { byteLength }, normals: { byteLength }, indices: { byteLength } };
+  const array = () => ({ byteLength, buffer: { byteLength, transfer: freed } });
+  return { positions: array(), normals: array(), indices: array() };
 }
 
 /** A server whose chunks come when `answer` is called. */
@@ -103,6 +110,7 @@ class Edited {
   held = [];
   asked = 0;
   leastAsked = [];
+  made = [];
 
   constructor(random) {
     this.random = random;
@@ -135,6 +143,7 @@ class Edited {
       this.asked += 1;
       return { key, coarser, content: "surface", revision: this.revisionOf(key), ...arraysOf(1000) };
     });
+    this.made.push(...meshes);
     this.leastAsked.push([minRevision, this.revision]);
     for (let count = 0; count < meshes.length; count++) {
       await new Promise((resolve) => this.held.push(resolve));
@@ -157,6 +166,7 @@ class Fresh extends Canvas {
     super();
     this.world = world;
     this.meshes = new Map();
+    this.kept = new Set();
   }
 
   draw(name, mesh) {
@@ -164,6 +174,7 @@ class Fresh extends Canvas {
     const told = this.world.revisionOf(mesh.key);
     assert.ok(mesh.revision >= told, `${name} is of ${mesh.revision}, and an edit of ${told} is known`);
     this.meshes.set(name, mesh);
+    this.kept.add(mesh);
   }
 
   remove(name) {
@@ -204,6 +215,9 @@ for (const seed of [1, 2, 3, 4, 5, 6]) {
       assert.equal(revision, world.revisionOf(key), name);
     }
     assert.deepEqual(canvas.doubled, []);
+    const [kept, others] = [true, false].map((isKept) => world.made.filter((mesh) => canvas.kept.has(mesh) === isKept));
+    assert.ok(!kept.some(isFree), "what was drawn is left to the canvas");
+    assert.ok(others.some(isFree), "what came and was not drawn is freed");
     assert.ok(
       world.leastAsked.every(([least, revision]) => least === revision),
       "the server is told from when on",

@@ -6,14 +6,17 @@
  */
 
 import { kept, type Rung } from "./ladder.js";
+import { Leaves, type Leaf } from "./leaves.js";
 import { Marks, flagsOf, half, isInside, markParents, squaredGaps, type Box, type Frame } from "./marks.js";
-import { chunkName, type FittedChunk, type Triple } from "./mesh.js";
+import type { Triple } from "./mesh.js";
 import type { Parts } from "./parts.js";
 
 /** Chunks around those that are near: two that the balance may split, and the ring around these. */
 const MARGIN = 3;
 /** Voxels by which a distance is mistrusted before it says that nothing has changed: more than float64 can be off. */
 const ROUNDED = 2 ** -6;
+/** By child, 4 x + 2 y + z: the faces that are its parent's, too. */
+const OUTER_FACES: readonly number[] = [21, 37, 25, 41, 22, 38, 26, 42];
 
 /** Somebody who is somewhere, and on the way to somewhere else. Voxels. */
 export interface Viewer {
@@ -33,8 +36,7 @@ interface Level {
 /** The leaves of a level, and the marks that they follow from. */
 interface Layer {
   readonly from: readonly (Marks | undefined)[];
-  /** By their `chunkName`: made once, for names take longer than all else. */
-  readonly leaves: readonly (readonly [name: string, chunk: FittedChunk])[];
+  readonly leaves: readonly Leaf[];
 }
 
 /** What one viewer is shown. */
@@ -133,12 +135,18 @@ export class Octree {
     const [near, within] = [distance * distance, keep * keep];
     const box = boxOf(viewer, distance);
     const [gapsX, gapsY, gapsZ] = [squaredGaps(frame, box, 0), squaredGaps(frame, box, 1), squaredGaps(frame, box, 2)];
-    let [at, count, nearest, farthest] = [0, 0, Infinity, 0];
+    let at = 0;
+    let count = 0;
+    let nearest = Infinity;
+    let farthest = 0;
     for (let i = 0; i < shape[0]; i++) {
+      const x = low[0] + i;
       for (let j = 0; j < shape[1]; j++) {
+        const y = low[1] + j;
         const square = gapsX[i]! + gapsY[j]!;
         for (let k = 0; k < shape[2]; k++, at++) {
-          const [x, y, z, distant] = [low[0] + i, low[1] + j, low[2] + k, square + gapsZ[k]!];
+          const z = low[2] + k;
+          const distant = square + gapsZ[k]!;
           const isWanted =
             flags[at] === 1 ||
             distant < near ||
@@ -196,15 +204,14 @@ export class Octree {
       return before;
     }
     const side = this.sides[lod]!;
-    const leaves: [string, FittedChunk][] = [];
-    const add = (chunk: FittedChunk) => void leaves.push([chunkName(chunk), chunk]);
+    const leaves = new Leaves(lod, above === undefined ? [] : (before?.leaves ?? []));
     if (above === undefined) {
       roots.forEach((x, y, z) => {
         if (!here.has(x, y, z)) {
-          add({ lod, x, y, z, coarser: 0 });
+          leaves.add(x, y, z, 0);
         }
       });
-      return { from, leaves };
+      return { from, leaves: leaves.all };
     }
     // A chunk of the level above is a leaf if it is there, which its own parent's split makes it, and not split.
     const isLeafAbove = (x: number, y: number, z: number): boolean => {
@@ -216,23 +223,23 @@ export class Octree {
     };
     above.forEach((px, py, pz) => {
       // Children have outer faces on one side each: the parent beside that is the same for four of them.
-      const bits = [
-        isLeafAbove(px - 1, py, pz) ? 1 : 0,
-        isLeafAbove(px + 1, py, pz) ? 2 : 0,
-        isLeafAbove(px, py - 1, pz) ? 4 : 0,
-        isLeafAbove(px, py + 1, pz) ? 8 : 0,
-        isLeafAbove(px, py, pz - 1) ? 16 : 0,
-        isLeafAbove(px, py, pz + 1) ? 32 : 0,
-      ];
+      const beside =
+        (isLeafAbove(px - 1, py, pz) ? 1 : 0) |
+        (isLeafAbove(px + 1, py, pz) ? 2 : 0) |
+        (isLeafAbove(px, py - 1, pz) ? 4 : 0) |
+        (isLeafAbove(px, py + 1, pz) ? 8 : 0) |
+        (isLeafAbove(px, py, pz - 1) ? 16 : 0) |
+        (isLeafAbove(px, py, pz + 1) ? 32 : 0);
       for (let child = 0; child < 8; child++) {
-        const [a, b, c] = [child >> 2, (child >> 1) & 1, child & 1];
-        const [x, y, z] = [2 * px + a, 2 * py + b, 2 * pz + c];
+        const x = 2 * px + (child >> 2);
+        const y = 2 * py + ((child >> 1) & 1);
+        const z = 2 * pz + (child & 1);
         if (!here.has(x, y, z) && isInside(this.box, side, x, y, z)) {
-          add({ lod, x, y, z, coarser: bits[a]! | bits[2 + b]! | bits[4 + c]! });
+          leaves.add(x, y, z, beside & OUTER_FACES[child]!);
         }
       }
     });
-    return { from, leaves };
+    return { from, leaves: leaves.all };
   }
 }
 

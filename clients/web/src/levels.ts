@@ -119,7 +119,7 @@ export class LevelOfDetail {
     const [coarsened, cut] = yield* this.finest(viewer, before, previous?.coarsened ?? 0);
     const isSame =
       previous !== null && before !== null && cut.layers.every((layer, lod) => layer === before.layers[lod]);
-    const selection = { chunks: isSame ? previous.chunks : chunksOf(cut), coarsened };
+    const selection = { chunks: isSame ? previous.chunks : yield* chunksOf(cut), coarsened };
     this.cuts.set(selection, cut);
     return selection;
   }
@@ -142,8 +142,15 @@ export class LevelOfDetail {
   }
 }
 
-function chunksOf({ layers }: Cut): ChunkSet {
-  return new Map(layers.flatMap(({ leaves }) => leaves));
+function* chunksOf({ layers }: Cut): Parts<ChunkSet> {
+  const chunks = new Map<string, FittedChunk>();
+  for (const { leaves } of layers) {
+    for (const leaf of leaves) {
+      chunks.set(leaf[0], leaf[1]);
+    }
+    yield;
+  }
+  return chunks;
 }
 
 function voxels(name: string, point: Triple): Triple {

@@ -82,11 +82,13 @@ export function isInside(box: Box, side: number, x: number, y: number, z: number
 
 /** By place on an axis of a frame, the square of the gap between a chunk and the viewer; 0 where they meet. */
 export function squaredGaps({ side, low, shape }: Frame, viewer: Box, axis: 0 | 1 | 2): Float64Array {
-  return Float64Array.from({ length: shape[axis] }, (_, at) => {
+  const squares = new Float64Array(shape[axis]);
+  for (let at = 0; at < squares.length; at++) {
     const start = (low[axis] + at) * side;
     const gap = Math.max(start - viewer.high[axis], viewer.low[axis] - (start + side), 0);
-    return gap * gap;
-  });
+    squares[at] = gap * gap;
+  }
+  return squares;
 }
 
 /**

@@ -31,30 +31,35 @@ export function swaps(drawn: ChunkSet, wanted: ChunkSet): Swap[] {
  * Both sets have to stay as they are until then.
  */
 export function* swapsInParts(drawn: ChunkSet, wanted: ChunkSet): Parts<Swap[]> {
-  const [gone, come] = [missing(drawn, wanted), missing(wanted, drawn)];
-  const table = new KeyTable(gone.length + come.length);
+  const gone = missing(drawn, wanted);
   yield;
-  const numbers = [...gone, ...come].map(([, chunk]) => table.add(chunk));
+  const come = missing(wanted, drawn);
   yield;
-  const groupOf = yield* groups(table);
+  const groupOf = yield* groups([...gone.chunks, ...come.chunks]);
   const found: { old: Map<string, FittedChunk>; new: Map<string, FittedChunk> }[] = [];
-  for (const [at, number] of numbers.entries()) {
-    const swap = (found[groupOf[number]!] ??= { old: new Map(), new: new Map() });
-    const [name, chunk] = at < gone.length ? gone[at]! : come[at - gone.length]!;
-    (at < gone.length ? swap.old : swap.new).set(name, chunk);
+  let at = 0;
+  for (const { names, chunks } of [gone, come]) {
+    const side = names === gone.names ? "old" : "new";
+    for (let each = 0; each < names.length; each++) {
+      const swap = (found[groupOf[at++]!] ??= { old: new Map(), new: new Map() });
+      swap[side].set(names[each]!, chunks[each]!);
+    }
+    yield;
   }
   return found;
 }
 
 /** What a set has and the other has not. */
-function missing(set: ChunkSet, other: ChunkSet): (readonly [name: string, chunk: FittedChunk])[] {
-  const found: (readonly [string, FittedChunk])[] = [];
-  for (const entry of set) {
-    if (!other.has(entry[0])) {
-      found.push(entry);
+function missing(set: ChunkSet, other: ChunkSet): { names: string[]; chunks: FittedChunk[] } {
+  const names: string[] = [];
+  const chunks: FittedChunk[] = [];
+  set.forEach((chunk, name) => {
+    if (!other.has(name)) {
+      names.push(name);
+      chunks.push(chunk);
     }
-  }
-  return found;
+  });
+  return { names, chunks };
 }
 
 /**
@@ -67,22 +72,34 @@ function missing(set: ChunkSet, other: ChunkSet): (readonly [name: string, chunk
  */
 export function redraws(drawn: ChunkSet, stale: readonly ChunkRange[]): ChunkSet[] {
   const changed = [...drawn].filter(([, chunk]) => isStale(chunk, stale));
-  const table = new KeyTable(changed.length);
-  const numbers = changed.map(([, chunk]) => table.add(chunk));
   const found: Map<string, FittedChunk>[] = [];
-  const groupOf = inOne(groups(table));
-  for (const [at, number] of numbers.entries()) {
-    (found[groupOf[number]!] ??= new Map()).set(...changed[at]!);
+  const groupOf = inOne(groups(changed.map(([, chunk]) => chunk)));
+  for (const [at, named] of changed.entries()) {
+    (found[groupOf[at]!] ??= new Map()).set(...named);
   }
   return found;
 }
 
-/** By the number of a key, the number of its group: those of different groups do not touch. */
-function* groups(table: KeyTable): Parts<Int32Array> {
+/** By the place of each chunk, the number of its group: those of different groups do not touch. */
+function* groups(chunks: readonly ChunkKey[]): Parts<Int32Array> {
+  const table = new KeyTable(chunks.length);
+  const found = new Int32Array(chunks.length);
+  const lods: number[] = [];
+  for (let at = 0; at < chunks.length; at++) {
+    const chunk = chunks[at]!;
+    found[at] = table.add(chunk);
+    if (!lods.includes(chunk.lod)) {
+      lods.push(chunk.lod);
+    }
+  }
+  yield;
   const { keys } = table;
-  const leader = Int32Array.from(keys, (_, number) => number);
-  const lods = [...new Set(keys.map(({ lod }) => lod))];
-  for (const [number, key] of keys.entries()) {
+  const leader = new Int32Array(keys.length);
+  for (let number = 0; number < keys.length; number++) {
+    leader[number] = number;
+  }
+  for (let number = 0; number < keys.length; number++) {
+    const key = keys[number]!;
     joinBeside(table, leader, number, key);
     for (const lod of lods) {
       if (lod > key.lod) {
@@ -93,12 +110,16 @@ function* groups(table: KeyTable): Parts<Int32Array> {
       yield;
     }
   }
-  const numberOf = new Map<number, number>();
-  return leader.map((_, number) => {
-    const group = numberOf.get(first(leader, number)) ?? numberOf.size;
-    numberOf.set(first(leader, number), group);
-    return group;
-  });
+  const groupOf = new Int32Array(keys.length).fill(-1);
+  let count = 0;
+  for (let at = 0; at < found.length; at++) {
+    const leading = first(leader, found[at]!);
+    if (groupOf[leading] === -1) {
+      groupOf[leading] = count++;
+    }
+    found[at] = groupOf[leading]!;
+  }
+  return found;
 }
 
 /** Joins a key with those of its level that it touches: half of them, since each of two finds the other. */

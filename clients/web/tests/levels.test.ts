@@ -50,6 +50,27 @@ test("the example of the page", () => {
   }
 });
 
+test("chunks that are still shown are the same objects, whatever comes and goes beside them", () => {
+  const lods = 5;
+  const levels = new LevelOfDetail({ ...WORLD, chunkCells: 32, lods, geometricErrors: null }, { reach: 2048 });
+  let selection = levels.select([-40, 10, 0]);
+  let [stayed, changed] = [0, 0];
+  for (let x = -40; x < 400; x += 20) {
+    const next = levels.select([x, 10, x / 2], [0, 0, 0], selection);
+    for (const [name, chunk] of next.chunks) {
+      const before = selection.chunks.get(name);
+      assert.equal(chunkName(chunk), name);
+      if (before !== undefined && chunk.lod < lods - 1) {
+        assert.equal(before, chunk);
+        stayed += 1;
+      }
+      changed += before === undefined ? 1 : 0;
+    }
+    selection = next;
+  }
+  assert.ok(stayed > 1000 && changed > 100);
+});
+
 interface Journey {
   readonly lods: number;
   readonly cells: number;

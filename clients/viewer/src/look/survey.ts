@@ -30,27 +30,33 @@ export function chunksOf(scene: Scene): ChunkObject[] {
 
 /** @returns null if nothing is drawn */
 export function surveyOf(chunks: readonly ChunkObject[], viewer: Vector3): Survey | null {
-  let [lod, least, most] = [Infinity, Infinity, 0];
+  let lod = Infinity;
+  let least = Infinity;
+  let most = 0;
+  let group: Object3D | null = null;
+  let scale = 1;
   const nearest = new Vector3();
-  const [point, middle] = [new Vector3(), new Vector3()];
+  const at = viewer.clone();
+  const point = new Vector3();
   for (const chunk of chunks) {
     const box = chunk.geometry.boundingBox;
     if (box === null) {
       continue;
     }
-    const scale = chunk.matrixWorld.getMaxScaleOnAxis();
-    const distance = box
-      .clampPoint(point.copy(viewer).divideScalar(scale), point)
-      .multiplyScalar(scale)
-      .distanceTo(viewer);
+    if (chunk.parent !== group) {
+      group = chunk.parent;
+      scale = chunk.matrixWorld.getMaxScaleOnAxis();
+      at.copy(viewer).divideScalar(scale);
+    }
+    const distance = box.clampPoint(at, point).distanceToSquared(at) * scale * scale;
     if (distance < least) {
       least = distance;
-      nearest.copy(point);
+      nearest.copy(point).multiplyScalar(scale);
     }
     lod = Math.min(lod, chunk.chunk.key.lod);
-    most = Math.max(most, box.getCenter(middle).multiplyScalar(scale).distanceTo(viewer));
+    most = Math.max(most, box.getCenter(point).distanceToSquared(at) * scale * scale);
   }
-  return lod === Infinity ? null : { chunks, lod, nearest, reach: most };
+  return lod === Infinity ? null : { chunks, lod, nearest, reach: Math.sqrt(most) };
 }
 
 /** Changes whenever chunks come or go: what goes is replaced by what comes last. */
