@@ -358,6 +358,7 @@ def test_many_small_frames_of_one_peer_leave_time_for_others(running, before):
 def test_who_says_whatever_and_leaves_is_forgotten(running):
     url = f"{running.url}/v1/worlds/w"
     witness, sockets = Witness(url), sockets_of(running)
+    numbers = count()
 
     @settings(max_examples=EXAMPLES // 3, derandomize=not TORTURE, suppress_health_check=list(HealthCheck))
     @given(conversations, st.lists(st.floats(0, 1), max_size=3), st.sampled_from(["closes", "resets", "stays"]))
@@ -368,6 +369,8 @@ def test_who_says_whatever_and_leaves_is_forgotten(running):
                 raw.ends()
             elif how == "resets":
                 raw.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+        if next(numbers) % 10 == 0:
+            witness.looks()  # a peer that reads nothing for 10 s is gone
 
     run()
     witness.looks()
