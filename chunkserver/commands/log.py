@@ -3,13 +3,14 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
 from chunkserver.commands.editing import begins_with_foundation, behind
 from chunkserver.commands.files import PIPE, check_writable, lines, written
-from chunkserver.commands.folder import IdArgument, JsonOption, existing, opened
+from chunkserver.commands.folder import IdArgument, JsonOption, existing, folder_of, opened
 from chunkserver.commands.log_file import LINE_BYTES_MAX, Header, Line, LogReader, LogWriter
 from chunkserver.commands.saying import counted, end, say_json, say_table, with_bar
 from chunkserver.commands.warm import make_ready
@@ -77,6 +78,8 @@ def export_command(
 ) -> None:
     """Write a world and all of its edits to a file, which `log import` makes a world of, here or elsewhere."""
     check_writable(file)
+    if file != PIPE and Path(file).resolve().parent == folder_of(settings).resolve():
+        end(f"{file} cannot be written: what is in {settings.data} is the server's own")
     with (
         opened(settings, "export a copy: `chunkserver world backup` takes one meanwhile") as store,
         written(file) as sink,

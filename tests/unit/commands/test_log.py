@@ -324,6 +324,14 @@ def test_what_is_exported_is_written_as_a_whole_or_not_at_all(folder, tmp_path, 
     assert "is a folder" in refused(1, "log", "export", "w", tmp_path, "--data", folder)
 
 
+def test_an_export_takes_the_place_of_no_file_of_the_folder_itself(folder, tmp_path):
+    (tmp_path / "link.ndjson").symlink_to(folder / "worlds.sqlite")
+    before = (folder / "worlds.sqlite").read_bytes()
+    for file in (folder / "worlds.sqlite", tmp_path / "link.ndjson"):
+        assert "is the server's own" in refused(1, "log", "export", "w", file, "--data", folder)
+    assert (folder / "worlds.sqlite").read_bytes() == before
+
+
 @pytest.mark.parametrize("words", [("show", "w"), ("export", "w", "-"), ("import", "-")])
 def test_while_a_server_runs_it_says_what_else_to_do(folder, whole, words):
     with closing(Store(folder)):
