@@ -18,8 +18,8 @@ export interface Port {
 /** Items that are sent before the other side has said that it took one. */
 export const ITEMS_AHEAD = 64;
 
-/** Milliseconds for which an item waits for others: a message takes longer than what is in it. */
-const ITEMS_MS = 4;
+/** Milliseconds for which an item waits for others, a frame; the last one of a call waits for nobody. */
+const ITEMS_MS = 16;
 
 /** What can be called. */
 export type CallName = Exclude<keyof Client, "url">;
