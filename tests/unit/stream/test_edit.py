@@ -38,8 +38,8 @@ def test_many_are_compared_as_each_is(rng: np.random.Generator, monkeypatch: pyt
         found = edits_in(edits, regions)
         assert found == tuple(each for each in edits if each.is_in(regions))
         sizes.append(len(found))
-    assert 0 in sizes
-    assert len(set(sizes)) > 8
+    assert sizes.count(0) < len(sizes)
+    assert 20 < sum(sizes) < 500, "some of them are in a region, most are in none"
 
 
 def test_who_looks_elsewhere_with_many_regions_is_looked_at_by_none(monkeypatch: pytest.MonkeyPatch):
